@@ -3,9 +3,6 @@
 import shlex
 from collections.abc import Collection
 from dataclasses import dataclass
-from itertools import compress
-
-import numpy as np
 
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.data.assign_columns import ColumnAssignment
@@ -32,8 +29,6 @@ from palpate.robot_io.errors import InputError
 
 # Usual units of the quantities of a channel.
 _UNITS = {"displacement": "mm", "force": "N", "position": "rad", "torque": "Nm"}
-_RISES = 0.9  # least share of rows in which a clock rises; it may restart in each run
-_MIN_COLUMNS = 3  # least number of columns of which one may be a clock
 
 
 @dataclass(frozen=True)
@@ -129,20 +124,21 @@ def check_options_are_used(
 def _check_dimensions(columns: ColumnAssignment) -> None:
     """Raise an error if a joint has an angle with a force, or a length with a torque."""
     for (quantity, joint), position in columns.assigned.items():
-        other_effort = ("force" if position.dimension == "angle" else "torque", joint)
-        if quantity != "position" or other_effort not in columns:
+        turns = position.dimension == "angle"
+        effort = columns.assigned.get(("force" if turns else "torque", joint))
+        if quantity != "position" or effort is None:
             continue
-        effort, correction = columns.assigned[other_effort], "correct one with --unit or --column"
-        if effort.dimension == "current":
-            force = columns.role(("force", joint)).numbered
-            correction = (
-                "if it is the current of a linear motor with 20 N/A, add "
-                f"--column {force}={shlex.quote(effort.column)} --unit {force}=20N/A"
-            )
+        remedy = "correct one with --unit or --column"
+        if turns or effort.dimension == "current":
+            option = columns.role(("torque" if turns else "force", joint)).numbered
+            case, unit = "it is the current of a linear motor with 20 N/A", "20N/A"
+            if turns:
+                case, unit = "the force acts on a lever arm of 0.1 m", f"{0.1 * effort.factor:g}Nm"
+            remedy = f"if {case}, add --column {option}={shlex.quote(effort.column)} --unit {option}={unit}"
         raise InputError(
             f"{columns.table.path}: column '{position.column}' is in {position.unit} and "
             f"'{effort.column}' in {effort.unit}: a torque goes with an angle (rad, deg), a force with a "
-            f"length (m, mm); {correction}"
+            f"length (m, mm); {remedy}"
         )
 
 
@@ -156,8 +152,10 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
     # The columns of a matrix in a MATLAB file, "data 1" ..., have no names either.
     stems = {name.rstrip("0123456789") for name in table.names}
     if NAMELESS in table.notes or (len(stems) == 1 and not any(map(quantity_in, table.names))):
-        example = _options_without_names(columns)
-        return f"{needed}; the meaning of each column is unknown; name the columns, as in {example}"
+        return (
+            f"{needed}; the meaning of each column is unknown; name the columns, as in "
+            "--column displacement_mm=COLUMN --column force_N=COLUMN"
+        )
     found: dict[str, str] = {}  # column of each quantity
     guesses = guess_columns(table.names, clocks_of(table.columns))
     dimension_by_name = {name: dimension_of(unit_in_name(name)) for name in table.names}
@@ -195,27 +193,3 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         elif dimension not in QUANTITIES[quantity]:  # the leading 1 overrides the unit in the column's name
             options.append(f"--unit {quantity}={'1' if dimension else ''}{unit}")
     return f"{needed}; name the columns, as in {' '.join(options)}"
-
-
-def _options_without_names(columns: ColumnAssignment) -> str:
-    """Return options for columns without names: a clock as the time, the smoother other one as the motion."""
-    table, given = columns.table, {key[0] for key in columns.assigned}
-    left = [name for name in table.names if name not in columns.used]
-    valid = [name for name in left if table.varies(name)]
-    options = []
-    if "time" not in given and len(left) >= _MIN_COLUMNS:
-        clocks = clocks_of(table.columns)
-        is_clock = (name in clocks or np.mean(np.diff(table.numbers(name)) > 0.0) > _RISES for name in valid)
-        clock = next(compress(valid, is_clock), None)
-        if clock is not None:
-            options.append(f"--column time={shlex.quote(clock)}")
-            left.remove(clock)
-            valid.remove(clock)
-    valid.sort(key=lambda name: np.abs(np.diff(table.numbers(name))).sum() / np.ptp(table.numbers(name)))
-    needed = [quantity for quantity in ("displacement", "force") if quantity not in given]
-    contact = map(shlex.quote, valid) if len(left) == len(valid) == len(needed) else ["COLUMN"] * len(needed)
-    options += [
-        f"--column {quantity}_{_UNITS[quantity]}={name}"
-        for quantity, name in zip(needed, contact, strict=True)
-    ]
-    return " ".join(options)

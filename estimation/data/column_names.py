@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from palpate.estimation.data.quantity_words import CURRENT, WORDS, plain, without_accents
-from palpate.estimation.data.units import BRACKETED, SI, dimension_of, normalize_unit, read_as, scaled_unit
+from palpate.estimation.data.units import BRACKETED, SI, dimension_of, normalize_unit, read_as
 
 RUN, PHASE = "run", "phase"
 
@@ -47,9 +47,7 @@ _BRACKETED = re.compile(r"\s*[\[({<]\s*(?!\d+\s*\])([^\])}>]*?)\s*[\])}>]\s*$") 
 RUN_AFTER_UNIT = re.compile(  # as in "Force (N) Run #1"
     r"(?<=[])}]) (?:run|test|trial|specimen) ?#? ?\d+$", re.IGNORECASE
 )
-SENSITIVITY = re.compile(r"\s*[\[({]\s*([\d.][^\])}]*/[^\])}]*)[\])}]")  # as in "Load [V] (5 N/V)"
 _CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
-_BRACKETED_IN_FRONT = re.compile(r"^\s*[\[({<]\s*([^\])}>]+?)\s*[\])}>]\s*(?=\S)")  # "[mm] Travel"
 _UNIT_AFTER_SIGN = re.compile(r"\s*(?:/|,|:|\||\bin\b)\s*([^\s/,:|]+)\s*$")
 
 
@@ -114,18 +112,13 @@ def split_unit(name: str) -> tuple[str, str]:
     """Split a column's name into the part before its unit and the normalized unit; empty if unknown.
 
     Units are in brackets, after a slash, a comma or "in", or at the end: "Weg / mm", "load_mN", "Load N".
-    The number of a run may follow the brackets. Brackets with a unit may also be in front: "[mm] Weg".
+    The number of a run may follow the brackets.
 
     Args:
         name: name of a column.
     """
     name = unicodedata.normalize("NFKC", name)  # converts full-width characters
-    name = _unit_behind(RUN_AFTER_UNIT.sub("", name))
-    if stated := SENSITIVITY.search(name):
-        stem, own = split_unit(SENSITIVITY.sub("", name))
-        if dimension_of(own) in PROXIES and (unit := _unit_by_sensitivity(normalize_unit(stated[1]), own)):
-            return stem, unit
-    match = _BRACKETED.search(name)
+    match = _BRACKETED.search(name := RUN_AFTER_UNIT.sub("", name))
     stem, _, last = name.strip().rpartition(" ")
     if not match and stem and "/" in last and dimension_of(unit := normalize_unit(last)):
         return stem.removesuffix(" in"), unit
@@ -140,30 +133,9 @@ def split_unit(name: str) -> tuple[str, str]:
             continue
         for mark in ("_", ""):  # "mm s" may be mm/s, "kgf cm" is a product
             ending = normalize_unit(mark.join(parts[-count:]))
-            if dimension_of(ending) and ending not in BRACKETED and "×" not in ending:
+            if dimension_of(ending) and ending not in BRACKETED:
                 return "_".join(parts[:-count]), ending
     return name, ""
-
-
-def _unit_by_sensitivity(sensitivity: str, own: str) -> str:
-    """Return the unit of numbers in `own` by a sensitivity, such as "×5.0N" for "5N_V" or "0.2V_N"."""
-    scale, unit = scaled_unit(sensitivity, own)
-    if "_" in unit:  # volts per newton
-        above, _, unit = unit.partition("_")
-        below, scale = f"1{unit}_{above}", 1.0 / scale if scale else 0.0
-        ratio, unit = scaled_unit(normalize_unit(below), own)
-        scale *= ratio
-    return f"×{scale:.12g}{unit}" if scale and dimension_of(unit) in {"force", "torque", "length"} else ""
-
-
-def _unit_behind(name: str) -> str:
-    """Move a unit in brackets, if it is the only one, from the front of a name to its end: "Weg [mm]"."""
-    front, end = _BRACKETED_IN_FRONT.match(name), _BRACKETED.search(name)
-    if not front or not dimension_of(normalize_unit(front[1])):
-        return name
-    if end and dimension_of(normalize_unit(end[1])):
-        return name
-    return f"{name[front.end() :].rstrip()} [{front[1]}]"
 
 
 def unknown_unit(name: str) -> str:
@@ -172,7 +144,7 @@ def unknown_unit(name: str) -> str:
     Args:
         name: name of a column.
     """
-    match = _BRACKETED.search(_unit_behind(_REPEATED.sub("", unicodedata.normalize("NFKC", name))))
+    match = _BRACKETED.search(_REPEATED.sub("", unicodedata.normalize("NFKC", name)))
     if match and not dimension_of(normalize_unit(match[1])):
         return match[1]
     return next((word for word in re.findall(r"[a-z]+", name.lower()) if word in _COUNTS), "")
@@ -190,15 +162,6 @@ def holds_counts(name: str) -> bool:
 def unit_in_name(name: str) -> str:
     """Return the normalized unit in a column's name; empty without a known unit."""
     return split_unit(_REPEATED.sub("", name))[1]
-
-
-def is_absolute(name: str) -> bool:
-    """Return whether a column holds absolute values, by a word in its name.
-
-    Args:
-        name: name of a column.
-    """
-    return not _ABSOLUTE.isdisjoint(words_of(name))
 
 
 def is_angle(name: str) -> bool:
@@ -222,9 +185,6 @@ def si_unit(dimension: str) -> str:
 
 _COUNTS = frozenset(["counts", "count", "ticks", "raw", "adc", "lsb"])  # numbers without a known unit
 _ANGLES = frozenset("angle angles theta winkel angulo angolo encoder encoders enc".split())  # noqa: SIM905
-# Durations that have a unit of time but are no clock.
-_NO_CLOCK = frozenset(["pwm", "pulse", "esc", "delay", "latency", "lag"])
-_ABSOLUTE = frozenset(["abs", "absolute", "absolut", "betrag", "magnitude"])
 _ENCODER = frozenset(["encoder", "encoders", "enc"])
 _UNINFORMATIVE = frozenset(
     "actual act measured feedback present ist joint joints state states j value values".split()  # noqa: SIM905
@@ -234,7 +194,7 @@ _NOT_MEASURED = frozenset(
         *("set", "setpoint", "target", "cmd", "command", "commanded", "goal", "desired", "des", "reference"),
         *("ref", "soll", "error", "err", "max", "min", "peak", "rate", "limit", "std", "mean", "stress"),
         *("strain", "offset", "temperature", "temp", "maximum", "minimum", "maximal", "maximale", "maximo"),
-        *("sollwert", "sollweg", "sollkraft", "consigne", "cible", "objetivo", "zadana", "zadane"),
+        *("sollwert", "sollweg", "sollkraft", "consigne", "objetivo"),
     ]
 )
 # Columns of a tension test, which are used only if there is no displacement and no force.
@@ -246,12 +206,6 @@ _GOAL = frozenset(
 _KNOWN = tuple((quantity, known) for quantity, known in WORDS.items() if quantity != RUN)
 _BY_DIMENSION = {"length": "displacement", "angle": "position"} | {n: n for n in ("time", "force", "torque")}
 OWN_NAME, _BY_NAME, _BY_WORD, _BY_UNIT, _BY_PAIR = 4, 3, 2, 1, 0
-# "Position des Kolbens" is the position of the piston, "Allongement des mors" the extension of the jaws, but
-# "Position des" is a desired position.
-_ARTICLE = re.compile(
-    rf"(?i:\b({'|'.join(word for words in WORDS.values() for word in sorted(words) if len(word) > 2)})) des "
-    r"(?=[A-Z][a-z]{3}|(?!joint|axis|pos|vel|angle|torque|force)[a-z]{3})"
-)
 _REPEATED_NAME = re.compile(r"(.+) \((\d+)\)")  # a repeated name
 _UNNAMED = re.compile(r"column \d+")
 _MOTION_OR_TORQUE = ("position", "velocity", "torque")  # quantities that a file may have for each joint
@@ -422,17 +376,16 @@ def words_of(name: str) -> list[str]:
 
 
 def quantity_in(name: str, *, last: bool = False) -> str:
-    """Return the quantity that a word in a name means, regardless of the unit; "none" for unmeasured signals.
+    """Return the quantity that a word of at least three letters means; "none" for unmeasured signals.
 
     Args:
         name: name of a column.
-        last: consider only the last word, which must have at least three letters, as in "log:timestamp".
+        last: consider only the last word, as in "log:timestamp".
     """
     words = words_of(name)
     if _NOT_MEASURED & set(words):
         return "none"
-    words = words[-1:] if last else words
-    return _quantity_of({word for word in words if len(word) > 2 or not (last or word.isascii())})
+    return _quantity_of({word for word in (words[-1:] if last else words) if len(word) > 2})
 
 
 def _quantity_of(words: Collection[str]) -> str:
@@ -454,8 +407,7 @@ def guess_column(name: str, *, anywhere: bool = False) -> RoleGuess:
     if plain(name.strip()) in WORDS[RUN]:
         return RoleGuess(name, RUN, why="by its name")
     stem, unit = split_unit(name)
-    stem = _ARTICLE.sub(r"\1 ", _CAMEL.sub(" ", without_accents(stem)))
-    words = re.findall(r"[^\W\d_]+|\d+", stem)
+    words = re.findall(r"[^\W\d_]+|\d+", _CAMEL.sub(" ", without_accents(stem)))
     numbers = [int(word) for word in words if word.isdecimal() and len(word) < 4]
     letters = [plain(word) for word in words if not word.isdecimal()]
     joint = numbers[0] if len(numbers) == 1 else None
@@ -494,7 +446,6 @@ def _match_words(whole: str, words: Sequence[str], unit: str, *, anywhere: bool)
         if _fits(quantity, unit) and not known.isdisjoint(long):
             return quantity, _BY_WORD
     is_specific = dimension not in {"voltage", "pressure", "strain"}  # these may belong to any quantity
-    is_specific &= dimension != "time" or _NO_CLOCK.isdisjoint(words)
     by_unit = next((quantity for quantity in QUANTITIES if is_specific and _fits(quantity, unit)), "")
     by_pair = next((quantity for quantity in _MOTION_OR_TORQUE if words[-1] in WORDS[quantity]), "")
     if anywhere and not by_pair and dimension is None:

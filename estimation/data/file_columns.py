@@ -39,7 +39,6 @@ class FileColumns:
     # Number of each row in the file, as an editor or spreadsheet shows it, shape (n,); None to count from 1.
     rows: IntArray | None = None
     row_word: str = "row"  # unit of these numbers: "row" or "line"
-    preamble: tuple[str, ...] = ()  # lines above the header
 
 
 def list_first(items: Sequence[str], most: int = 8) -> str:

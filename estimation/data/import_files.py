@@ -15,7 +15,6 @@ from palpate.estimation.data.file_columns import is_bag, natural_key, pa
 from palpate.estimation.data.import_file import ImportedData, import_table, with_arm
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import ENDINGS, Table, read_table
-from palpate.estimation.data.text_table import is_prose
 from palpate.robot_io.errors import InputError
 
 _MAX_FILES = 2000
@@ -66,15 +65,13 @@ def import_files(
     places = [path.resolve() for path in paths]
     if twice := [path for number, path in enumerate(paths) if places[number] in places[:number]]:
         raise InputError(f"{twice[0]}: is given twice; its runs would count as repeated measurements")
-    kept = _without_prose(paths)
-    prose = tuple(f"{path.name}: left out, a text without numbers" for path in paths if path not in kept)
-    paths, parts = kept, []
+    parts = []
     for number, table in enumerate(read_tables(paths, options)):
         which = f"file {number + 1} of {len(paths)}" if len(paths) > 1 else "the file"
         progress(f"deriving the motion of {which}", (number + 0.5) / len(paths))
         parts.append(import_table(table, options))
     if len(parts) == 1:
-        return replace(parts[0], notes=(*prose, *parts[0].notes))
+        return parts[0]
     channels = []
     for first in parts[0].channels:
         same_channel = []
@@ -93,7 +90,7 @@ def import_files(
         ignored = [f"{', '.join(extra)} left out, since {paths[0].name} has none"] if extra else []
         for note in (*part.notes, *ignored):
             noted.setdefault(note, path.name)  # keep the first file with this note
-    notes = (*prose, *(f"{name}: {note}" for note, name in noted.items()))
+    notes = tuple(f"{name}: {note}" for note, name in noted.items())
     unused = tuple(name for name in parts[0].unused if all(name in part.unused for part in parts))
     ways = list(dict.fromkeys(part.read for part in parts if part.read))
     differ = " (others differ)" if len(ways) > 1 else ""
@@ -113,7 +110,6 @@ def read_tables(paths: Sequence[Path], options: ImportOptions) -> Iterator[Table
     Raises:
         InputError: a file cannot be read.
     """
-    paths = _without_prose(paths)
     first = read_table(paths[0], options.table)
     if len(paths) > 1:
         try:
@@ -126,11 +122,6 @@ def read_tables(paths: Sequence[Path], options: ImportOptions) -> Iterator[Table
     yield first
     for path in paths[1:]:
         yield read_table(path, options.table)
-
-
-def _without_prose(paths: Sequence[Path]) -> Sequence[Path]:
-    """Return the paths without text files that hold no table, such as a readme.txt beside data files."""
-    return [path for path in paths if not (path.is_file() and is_prose(path))] or paths
 
 
 def _side_by_side(first: Table, further: Iterable[Table]) -> Table | None:

@@ -69,7 +69,6 @@ class Table:
     decimal: str = "."  # decimal mark of numbers that are text
     notes: tuple[str, ...] = ()  # notes on the format of the file
     row_word: str = "row"  # unit of `rows`: "row", or "line" of a text file
-    preamble: tuple[str, ...] = ()  # lines above the header
     _numbers: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __len__(self) -> int:
@@ -305,7 +304,7 @@ def table_of(file: FileColumns, path: Path) -> Table:
     if columns.num_rows == 0:
         raise InputError(f"{path}: no rows of data")
     columns, clocks = with_seconds(columns, file.decimal)
-    return Table(path, columns, rows, file.decimal, (*notes, *clocks), file.row_word, file.preamble)
+    return Table(path, columns, rows, file.decimal, (*notes, *clocks), file.row_word)
 
 
 def _is_text(path: Path) -> bool:

@@ -182,7 +182,7 @@ def with_seconds(columns: pa.Table, decimal: str) -> tuple[pa.Table, tuple[str, 
             continue
         points = (
             pc.replace_substring_regex(part, "[,:]", ".")
-            for part in (texts["hour"], texts["minute"], _padded(texts["second"]))
+            for part in (texts["hour"], texts["minute"], texts["second"])
         )
         filled = (pc.cast(pc.if_else(pc.equal(part, ""), "0", part), pa.float64()) for part in points)
         hour, minute, second = (np.asarray(numbers.to_numpy(zero_copy_only=False)) for numbers in filled)
@@ -199,21 +199,6 @@ def with_seconds(columns: pa.Table, decimal: str) -> tuple[pa.Table, tuple[str, 
         columns = columns.set_column(place, pa.field(name, seconds.type, metadata=_MARK), seconds)
         done.append(f"'{name}'{order}")
     return columns, (f"clock times converted to seconds: {', '.join(done)}",) if done else ()
-
-
-def _padded(seconds: pa.ChunkedArray) -> pa.ChunkedArray:
-    """Pad counts of milliseconds, or finer, after a colon with zeros if their numbers of digits differ."""
-    digits = pc.utf8_length(pc.struct_field(pc.extract_regex(seconds, r":(?P<count>\d+)$"), "count"))
-    least, most = pc.min_max(digits).values()
-    if least.as_py() == most.as_py():
-        return seconds
-    width = -(-most.as_py() // 3) * 3  # milli-, micro- or nanoseconds
-    count = pc.utf8_lpad(pc.replace_substring_regex(seconds, ".*:", ""), width, "0")
-    return pc.if_else(
-        pc.match_substring(seconds, ":"),
-        pc.binary_join_element_wise(pc.replace_substring_regex(seconds, ":.*", ""), count, ":"),
-        seconds,
-    )
 
 
 def clocks_of(columns: pa.Table) -> frozenset[str]:

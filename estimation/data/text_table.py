@@ -7,7 +7,6 @@ import gzip
 import math
 import re
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +14,6 @@ import numpy as np
 
 from palpate.estimation.data.column_names import TIME, guess_columns
 from palpate.estimation.data.file_columns import FileColumns, check_size, most_bytes, pa, pa_csv, pc
-from palpate.estimation.data.quantity_words import FOREIGN_WORDS
 from palpate.estimation.data.table_layout import matching_places, with_run
 from palpate.estimation.data.text_dialect import (
     BLANKS,
@@ -40,7 +38,6 @@ _MAX_COLUMNS = 20_000  # limits computing time, since each name is compared with
 _SHOWN = 60  # characters of a rejected line that an error message shows
 _MIN_NUMBERS = 3  # least number of rows of a file with one column
 _ALIKE = 100  # first lines that decide on the decimal mark of a file with one column
-_SYSTEMATIC = 0.25  # least share of short rows that are intentional; fewer are damaged rows
 
 
 def read_text_table(path: Path, selected: str) -> FileColumns:
@@ -81,18 +78,15 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
     chosen, note = same_columns(blocks, selected, path)
     tests = [block for place in chosen for block in _blocks(content, *filled[place], dialect.delimiter)]
     lead = content[: tests[0][0].head if chosen[0] == 0 else 0].decode(errors="replace").splitlines()
-    preamble = tuple(line.strip() for line in lead if line.strip())
-    notes = [*dialect.notes, *preamble_notes(len(preamble)), *note]
+    notes = [*dialect.notes, *preamble_notes(sum(1 for line in lead if line.strip())), *note]
     notes += [f"a footer of {len(footer)} line{'s' if len(footer) > 1 else ''}"] if footer else []
     notes += [f"text in {encoding}"] if encoding else []
-    parts, lines, repairs = [], [], dict[str, None]()
+    parts, lines = [], []
     for number, (table, end) in enumerate(tests, 1):
         place = f"{path}, test {number}" if len(tests) > 1 else str(path)
-        part, part_lines, part_repairs = _parse_rows(content, table, end, dialect, place)
+        part, part_lines = _parse_rows(content, table, end, dialect, place)
         parts.append(part.select(matching_places(table.names, tests[0][0].names)))
         lines.append(part_lines)
-        repairs |= dict.fromkeys(part_repairs)
-    notes += repairs
     titles = tests[0][0].titles if len(parts) == 1 else ()
     if len(parts) > 1 and (clock := _continued_clock(parts, dialect.decimal)):
         notes.append(f"{len(parts)} parts are read as one recording, because '{clock}' continues")
@@ -100,19 +94,7 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
         parts = [with_run(part, str(number)) for number, part in enumerate(parts, 1)]
         notes.append(f"{len(parts)} tests one after the other, read as runs")
     numbers = np.concatenate(lines)
-    return FileColumns(
-        pa.concat_tables(parts), dialect.decimal, tuple(notes), titles, numbers, "line", preamble
-    )
-
-
-def is_prose(path: Path) -> bool:
-    """Return whether a short .txt file, as a readme, has no table and no line that begins with a number."""
-    if path.suffix.lower() != ".txt" or path.stat().st_size > _LOOKED_AT:
-        return False
-    with suppress(InputError):
-        content, _ = _read_text(path)
-        return not re.search(rb"(?m)^[^\w\n]*\d", content) and find_dialect(content) is None
-    return False
+    return FileColumns(pa.concat_tables(parts), dialect.decimal, tuple(notes), titles, numbers, "line")
 
 
 def _read_text(path: Path) -> tuple[bytes, str]:
@@ -129,6 +111,7 @@ def _read_text(path: Path) -> tuple[bytes, str]:
     content = re.sub(rb"\xe2\x88\x92(?<![0-9A-DF-Za-df-z]\xe2\x88\x92)(?=[\d.])", b"-", content)
     for mark in (b"'", b"\xe2\x80\x99"):  # in "1'000"
         content = re.sub(mark + rb"(?<=\d" + mark + rb")(?=\d{3}(?!\d))", b"", content)
+    content = re.sub(rb"\n +(?=\r?\n)", b"\n", content)  # blank lines
     if _FORTRAN.search(content[:_LOOKED_AT]):
         content = re.sub(rb"[dD](?<=[\d.]{2}[dD])(?=[-+]\d\d)", b"e", content)
     first_lines = content.lstrip()[: _MAX_LINE_BYTES + 1]
@@ -180,8 +163,8 @@ def _continued_clock(parts: Sequence[pa.Table], decimal: str) -> str:
 
 def _parse_rows(
     content: bytes, table: TextTable, end: int, dialect: TextDialect, place: str
-) -> tuple[pa.Table, IntArray, list[str]]:
-    """Parse the rows of a table without a copy; also return the line of each row, and notes on repairs."""
+) -> tuple[pa.Table, IntArray]:
+    """Parse the rows of a table without a copy; also return the line of each row."""
     rows, delimiter = pa.py_buffer(content).slice(table.start, end - table.start), dialect.delimiter
     if delimiter == BLANKS:
         tabbed = re.sub(rb"[ \t]+", b"\t", content[table.start : end])  # one tab for each stretch of blanks
@@ -189,11 +172,6 @@ def _parse_rows(
     try:
         part = _parse(rows, table.names, delimiter)
     except pa.ArrowInvalid as error:
-        lines = _line_numbers(content, table.start, end)
-        completed = _completed_rows(rows.to_pybytes(), lines, table, dialect.delimiter)
-        with suppress(pa.ArrowInvalid):
-            if completed and len(part := _parse(completed[0], table.names, delimiter)) == len(lines):
-                return part, lines, completed[1]
         problem = " ".join(str(error).split())[:200]
         invalid: list[pa_csv.InvalidRow] = []
         try:
@@ -204,7 +182,7 @@ def _parse_rows(
             number, expected = invalid[0].actual_columns, invalid[0].expected_columns
             cells = f"{number} {'cell' if number == 1 else 'cells'}"
             text = " ".join(invalid[0].text.split())[:_SHOWN]
-            line = lines[invalid[0].number - 1]
+            line = _line_numbers(content, table.start, end)[invalid[0].number - 1]
             problem = f"line {line} has {cells} and the header {expected}: {text!r}; correct or remove it"
         raise InputError(f"{place}: {problem}") from error
     lines = _line_numbers(content, table.start, end, len(part))
@@ -217,27 +195,7 @@ def _parse_rows(
                     f"{place}: line {lines[row]}: a quotation mark opens a cell that holds {len(inside)} "
                     "more lines, with numbers; close or remove it"
                 )
-    return part, lines, []
-
-
-def _completed_rows(
-    rows: bytes, lines: IntArray, table: TextTable, delimiter: str
-) -> tuple[pa.Buffer, list[str]] | None:
-    """Complete rows that end before the last column, with a note; None for few rows, which are damaged."""
-    texts = [line for line in rows.decode(errors="replace").splitlines() if line.strip(" ")]
-    lacking = np.array([len(table.names) - len(line_cells(text, delimiter)) for text in texts])
-    short = np.flatnonzero(lacking > 0)
-    few = delimiter == BLANKS or len(short) < _SYSTEMATIC * len(texts)
-    if len(texts) != len(lines) or (len(short) and few):
-        return None
-    notes = []
-    if len(short):
-        notes.append(
-            f"{len(short)} of {len(texts)} rows lack their last cells, which are read as empty; the first is "
-            f"in line {lines[short[0]]}"
-        )
-    completed = (text + delimiter * max(lack, 0) for text, lack in zip(texts, lacking.tolist(), strict=True))
-    return pa.py_buffer("\n".join(completed).encode()), notes
+    return part, lines
 
 
 def _line_numbers(content: bytes, begin: int, end: int, count: int | None = None) -> IntArray:
@@ -321,7 +279,6 @@ def _end_of_rows(content: bytes, table: TextTable, end: int, delimiter: str) -> 
     return end
 
 
-_ENCODINGS = ("cp1252", "gb18030", "cp932", "cp949", "cp1250", "cp1251")  # after UTF-8 and UTF-16
 _ONE_STEP = 2.0  # largest interval between two parts of a recording, in steps of the clock
 _WITH_UNIT = re.compile(r"(?<![\w.])[+-]?\d+(?:[.,]\d+)? ?[A-Za-zµ°%]{1,6}\b")  # a cell such as "0.5 mm"
 _FEW_ZEROS = 1e-3  # largest share of zero bytes in a text
@@ -341,11 +298,10 @@ _OTHER_FORMATS = (  # first bytes of other file types, and the remedy
 def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
     """Convert a text to UTF-8 without byte order mark, and return its encoding if it was not UTF-8.
 
-    UTF-16 is recognized by its byte order mark, or by zero bytes between Latin letters. For other text that
-    is not UTF-8, the encoding is the first one in which the text contains a known word, such as the Chinese
-    word for force. Otherwise, text without control characters is read as Western European (cp1252), which
-    testing machines use for degree signs and umlauts. A few zero bytes are ends of strings and are removed;
-    next to a digit they are lost characters of a number, and become U+FFFD, which no number contains.
+    UTF-16 is recognized by its byte order mark, or by zero bytes between Latin letters. Other text without
+    control characters is read as Western European (cp1252), which testing machines use for degree signs and
+    umlauts. A few zero bytes are ends of strings and are removed; next to a digit they are lost characters of
+    a number, and become U+FFFD, which no number contains.
 
     Args:
         content: content of the file.
@@ -369,16 +325,9 @@ def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
         if not content.isascii():
             content.decode()
     except UnicodeDecodeError:
-        if encoding:
+        if encoding or any(byte in _CONTROLS for byte in content[:_LOOKED_AT]):
             raise _no_text(content, path) from None
-        head = content[:_LOOKED_AT]  # the last character may be truncated
-        texts = {name: codecs.getincrementaldecoder(name)("replace").decode(head) for name in _ENCODINGS}
-        texts = {name: text.lower() for name, text in texts.items() if "�" not in text}
-        known = (name for name, text in texts.items() if any(word in text for word in FOREIGN_WORDS))
-        encoding = next(known, "cp1252")
-        if encoding == "cp1252" and any(byte in _CONTROLS for byte in head):
-            raise _no_text(content, path) from None
-        return content.decode(encoding, errors="replace").encode(), encoding
+        return content.decode("cp1252", errors="replace").encode(), "cp1252"
     if b"\0" in content:
         raise _no_text(content, path)
     return content, ""

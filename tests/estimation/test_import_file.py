@@ -692,41 +692,6 @@ def test_goal_and_angle_of_a_servo_turn_together(tmp_path, angle):
     np.testing.assert_allclose(only(import_file(path)).effort, 0.05, atol=1e-6)
 
 
-SPEED = np.gradient(ANGLE, 0.01)  # rad/s
-
-
-@pytest.mark.parametrize(
-    ("columns", "words"),
-    [
-        ({"Angle [rad]": np.degrees(ANGLE), "Velocity [rad/s]": SPEED}, "--unit position=deg"),
-        ({"motor_pos_rad": 50.0 * ANGLE, "link_vel_rad_s": SPEED}, "is 0.02 times the rate"),
-        ({"angle_rad": ANGLE, "motor speed (rpm)": 50.0 * SPEED * 30.0 / np.pi}, "is 50 times the rate"),
-        ({"Motor pos [turns]": ANGLE, "Joint torque [Nm]": SWING_S}, "add --unit position=0.02rev"),
-        ({"Joint angle [deg]": ANGLE, "Motor torque [Nm]": SWING_S}, "add --unit torque=50Nm"),
-    ],
-)
-def test_columns_of_two_units_or_of_two_sides_of_a_gear_are_reported(tmp_path, columns, words):
-    torque = {} if any("torque" in name for name in columns) else {"tau_Nm": SWING["torque_Nm"]}
-    table = {"time_s": SWING_S, "run": SWING["run"], **torque, **columns}
-    assert words in " ".join(only(import_file(write_csv(tmp_path / "joint.csv", table))).import_warnings)
-
-
-def test_counter_that_overflows_is_continued(tmp_path):
-    micros = (np.arange(400) * 10_000 + 2**32 - 2_000_000) % 2**32
-    table = {"micros": micros, "angle_deg": ANGLE[:400], "torque_Nm": SWING["torque_Nm"][:400]}
-    imported = import_file(write_csv(tmp_path / "joint.csv", table))
-    np.testing.assert_allclose(np.diff(only(imported).time_s), 0.01, atol=1e-5)
-    assert "as a counter of 32 bits" in " ".join(imported.notes)
-
-
-@pytest.mark.parametrize("unit", ["s", "us"])
-def test_clock_that_restarts_after_the_range_of_another_counter_starts_a_run(tmp_path, unit):
-    clock_s = np.tile(np.arange(430) * 0.01, 2)  # 2^32 ns are 4.29 s
-    table = {f"time_{unit}": clock_s / {"s": 1.0, "us": 1e-6}[unit], "angle_rad": np.sin(clock_s)}
-    path = write_csv(tmp_path / "joint.csv", table | {"torque_Nm": np.cos(clock_s)})
-    assert len(import_file(path).run_labels) == 2
-
-
 def test_constant_lever_arm_is_no_displacement(tmp_path):
     table = {"Time [s]": SWING_S[:400], "Angle [deg]": ANGLE[:400], "Force [N]": np.sin(SWING_S[:400])}
     path = write_csv(tmp_path / "lever.csv", table | {"Arm [m]": np.full(400, 0.25)})

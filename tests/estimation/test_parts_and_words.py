@@ -227,24 +227,6 @@ def test_nanoseconds_are_added_to_whole_seconds(tmp_path):
     assert np.allclose(np.diff(channel.time_s), np.diff(TIME_S), atol=1e-6)
 
 
-def test_columns_without_names_are_proposed_by_their_shape(tmp_path):
-    noisy = FORCE_N + 0.2 * np.random.default_rng(3).standard_normal(len(FORCE_N))
-    message = refusal(saved(tmp_path / "three.csv", lines(noisy, TIME_S, WAY_M)))
-    ending = "--column time='column 2' --column displacement_mm='column 3' --column force_N='column 1'"
-    assert message.endswith(ending)
-    message = refusal(saved(tmp_path / "four.csv", lines(WAY_M, FORCE_N, FORCE_N, WAY_M)))
-    assert message.endswith("as in --column displacement_mm=COLUMN --column force_N=COLUMN")
-
-
-@pytest.mark.parametrize("last", ["constant", "one empty cell"])
-def test_clock_of_columns_without_names_is_never_proposed_as_the_motion(tmp_path, last):
-    cells = ["5"] * len(TIME_S) if last == "constant" else [*map(str, FORCE_N[:-1]), ""]
-    rows = zip(TIME_S, WAY_M, cells, strict=True)
-    path = saved(tmp_path / "own.csv", "".join(f"{t},{x},{cell}\n" for t, x, cell in rows))
-    proposed = "--column time='column 1' --column displacement_mm=COLUMN --column force_N=COLUMN"
-    assert refusal(path).endswith(proposed)
-
-
 def test_proposed_columns_keep_the_units_that_are_given(tmp_path):
     path = saved(tmp_path / "own.csv", "time_s,w,load\n" + lines(TIME_S, WAY_M, FORCE_N))
     message = refusal(path, columns={"force_kN": "load"})

@@ -12,7 +12,6 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.writer import Writer
 
-from palpate.estimation.data.column_names import guess_column
 from palpate.estimation.data.file_columns import is_session
 from palpate.estimation.data.import_file import import_file
 from palpate.estimation.data.import_options import ImportOptions
@@ -308,15 +307,6 @@ def test_speeds_and_torques_of_named_motors_are_joints_and_the_proposed_units_ca
 def test_proposed_columns_fit_the_effort_of_the_file(tmp_path, names, proposed):
     columns = [T, *np.cumsum(np.random.default_rng(0).random((names.count(","), len(T))), axis=1)]
     assert refused_table(tmp_path / "own.csv", names, columns).endswith(proposed)
-
-
-def test_pulse_width_is_no_clock_and_a_period_is(tmp_path):
-    path = tmp_path / "log.csv"
-    for name, is_clock in (("PWM (us)", False), ("period (us)", True)):
-        assert (guess_column(name).quantity == "time") is is_clock
-    names, columns = "PWM (us),speed [rpm],torque [Nm]", np.column_stack([1e3 + T, 1e3 * T, T])
-    np.savetxt(path, columns, delimiter=",", header=names, comments="")
-    assert import_file(path).roles == {"speed [rpm]": "velocity in rpm", "torque [Nm]": "torque in Nm"}
 
 
 def test_data_set_folder_is_its_episodes(episode):
