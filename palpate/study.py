@@ -77,13 +77,11 @@ class Study(ModelStudy):
             pyarrow, or a dict of arrays); or channels.
         model: base model; None to choose one for each channel.
         columns: roles of a table's columns; see `palpate.estimation.data.import_options.ImportOptions` for
-            this and the next seven.
+            this and the next six.
         units: units by quantity, such as {"force": "mN"}.
         where: text by column; other rows are dropped.
         context: further numeric columns to keep.
-        fresh: whether each run pressed an object that was never pressed before.
-        same_object: whether all runs pressed one object that did not recover between them; if neither is
-            stated, the data decide.
+        fresh: whether each run pressed an object that was never pressed before; otherwise the data decide.
         runs: number of presses in a recording; None to detect it.
         table: sheet, or line of the header, of another table than the file's longest.
         arm: arm of the channels: an `Arm`, or the path of a URDF whose tip is the link "tip", or else the
@@ -108,7 +106,6 @@ class Study(ModelStudy):
         where: Mapping[str, str] | None = None,
         context: Sequence[str] = (),
         fresh: bool = False,
-        same_object: bool = False,
         runs: int | None = None,
         table: str = "",
         arm: Arm | Path | str | None = None,
@@ -132,9 +129,7 @@ class Study(ModelStudy):
             data = existing_data(Path(data))
             place = (place or derived_folder(data)) if keep else None
         signals: Any = tuple(context) if isinstance(context, list) else context
-        options = ImportOptions(
-            columns or {}, units or {}, where or {}, signals, fresh, runs, table, same_object
-        )
+        options = ImportOptions(columns or {}, units or {}, where or {}, signals, fresh, runs, table)
         arm = arm_from_urdf(Path(arm)) if isinstance(arm, str | Path) else arm
         super().__init__(data, model, options=options, arm=arm, effects=own, folder=place, held_out=held_out)
         for text, effect in own.items():  # refuse one that fails on a channel, or changes nothing on any

@@ -129,11 +129,7 @@ def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> ImportedD
         channel = _make_channel(source, columns, rows, notes)
         channels.append(replace(channel, import_warnings=(*time_warnings, *notes[before:])))
     channels = _reverse_reactions(channels, sources, columns, notes)
-    recovers = False if options.same_object else None
-    channels = [
-        replace(channel, context=context, recorded=frozenset(context), recovers=recovers)
-        for channel in channels
-    ]
+    channels = [replace(channel, context=context, recorded=frozenset(context)) for channel in channels]
     unused = tuple(name for name in columns.unused if name not in options.context)
     read = "; ".join(filter(None, [columns.matched, *columns.table.notes]))
     joint_columns = {

@@ -27,10 +27,7 @@ class ImportOptions:
     # Whether each run pressed a new object or a new spot, even if the clock continues across runs.
     fresh: bool = False
     runs: int | None = None  # number of presses in the recording; None to detect them
-
     table: str = ""  # sheet or header line of the table to read; empty for the longest table
-    # Whether all runs pressed one object that did not recover between them; otherwise the data decide.
-    same_object: bool = False
     # Names of the arm's joints from the base outwards, by which columns are numbered; not stated by the user.
     joint_names: tuple[str, ...] = field(default=(), compare=False)
 
@@ -44,11 +41,8 @@ class ImportOptions:
                 )
         if not (isinstance(self.context, tuple) and all(isinstance(text, str) for text in self.context)):
             raise InputError(f"context={self.context!r}: give a list of columns, such as ['temperature']")
-        for name in ("fresh", "same_object"):
-            if not isinstance(value := getattr(self, name), bool):
-                raise InputError(f"{name}={value!r}: give a truth value, such as True")
-        if self.fresh and self.same_object:
-            raise InputError("--fresh-runs and --same-object contradict each other: give only one of them")
+        if not isinstance(self.fresh, bool):
+            raise InputError(f"fresh={self.fresh!r}: give a truth value, such as True")
         if not (self.runs is None or (isinstance(self.runs, int) and self.runs > 0)):
             raise InputError(f"runs={self.runs!r}: give the number of presses, such as 4")
         if not isinstance(self.table, str):

@@ -92,11 +92,11 @@ class StudyChannel:
 
     @cached_property
     def sha256(self) -> str:
-        """SHA-256 of all measured arrays, up to rounding, of what the user states, and of a joint's arm."""
+        """SHA-256 of all measured arrays, up to rounding, of the held-out runs, and of a joint's arm."""
         digest = data_sha256(self.measured, self.arm)
-        stated = [str(self.held_out)] if self.held_out else []
-        stated += ["same object"] if self.measured.recovers is False else []
-        return hashlib.sha256(" ".join([digest, *stated]).encode()).hexdigest() if stated else digest
+        if not self.held_out:
+            return digest
+        return hashlib.sha256(f"{digest} {self.held_out}".encode()).hexdigest()
 
     @property
     def saved_key(self) -> SavedKey:

@@ -102,8 +102,7 @@ class StudyFits(TableDisplay):
     def notes(self) -> tuple[str, ...]:
         """How the measurement was read and is treated, in sentences."""
         contacts = (c for c in self.channels if c.kind is ChannelKind.CONTACT)
-        note = _RECOVERS + ("; --same-object prevents this" if self.source.session is None else "")
-        return *self.source.notes, *(f"{c.name}: {note}" for c in contacts if c.data.recovers)
+        return *self.source.notes, *(f"{c.name}: {_RECOVERS}" for c in contacts if c.data.recovers)
 
     def channel(self, name: str | None = None) -> StudyChannel:
         """Return one channel.

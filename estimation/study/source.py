@@ -263,7 +263,7 @@ def _source_of_file(path: Path, options: ImportOptions) -> DataSource:
     if options != ImportOptions(where={RUN: runs} if (runs := options.where.get(RUN)) else {}):
         raise InputError(
             f"{path}: is a session, which takes --where run=0,2; "
-            "--column, --unit, --context, --runs, --fresh-runs and --same-object are for data files"
+            "--column, --unit, --context, --runs and --fresh-runs are for data files"
         )
     from palpate.estimation.study import sessions  # noqa: PLC0415, needs the MCAP library
 

@@ -121,7 +121,6 @@ def _state(data: DataArguments, path: Path, options: ImportOptions, model: str |
         where=[f"{name}={text}" for name, text in options.where.items()] or None,
         context=list(options.context) or None,
         fresh_runs=options.fresh,
-        same_object=options.same_object,
         table=options.table or None,
         runs=options.runs,
     )

@@ -31,7 +31,6 @@ _COLUMN = "Column of a quantity in the file, such as force_N=load, run=trial or 
 _UNIT = "Unit of a quantity or column, such as force=mN or time=ms."
 _WHERE = "Use only rows with this text in a column, such as specimen=P002; for a session, run=0,2."
 _FRESH_RUNS = "Each run pressed a fresh specimen or spot, so no run affects another."
-_SAME_OBJECT = "All runs pressed one object that did not recover between them; by default, the data decide."
 _TABLE = "Table to read: name of its sheet or line number of its header; default: the longest."
 _CONTEXT = "Another numeric column to use as a signal."
 _RUNS = "Number of presses in a recording; default: detected."
@@ -46,9 +45,7 @@ class ReadOptions:
     where: Annotated[list[str] | None, Option(help=_WHERE, metavar="COLUMN=TEXT")] = None
     context: Annotated[list[str] | None, Option(help=_CONTEXT, metavar="COLUMN")] = None
     fresh_runs: Annotated[bool, Option("--fresh-runs", help=_FRESH_RUNS)] = False
-    same_object: Annotated[bool, Option("--same-object", help=_SAME_OBJECT)] = False
     runs: Annotated[int | None, Option(min=1, help=_RUNS, metavar="N")] = None
-
     table: Annotated[str | None, Option(help=_TABLE, metavar="TABLE")] = None
 
     @property
@@ -72,7 +69,6 @@ class ReadOptions:
             fresh=self.fresh_runs,
             runs=self.runs,
             table=self.table or "",
-            same_object=self.same_object,
         )
 
 

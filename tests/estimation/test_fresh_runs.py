@@ -14,8 +14,6 @@ from palpate.estimation.data.table import table_of
 from palpate.estimation.signals.blocks import since_start
 from palpate.estimation.study import ModelStudy
 from palpate.estimation.study.fitting import recovers_between_runs
-from palpate.robot_io.errors import InputError
-from palpate.study import Study
 from tests.estimation.presses import RATE_HZ, kelvin_voigt, maxwell, session
 
 TAU_S = 1.5
@@ -59,18 +57,3 @@ def test_fresh_runs_keep_spread_times_and_need_relaxation():
     (channel,) = import_table(table_of(columns, Path("press")), ImportOptions(fresh=True, runs=1)).channels
     assert channel.time_s == pytest.approx(t, abs=1e-6)
     assert not recovers_between_runs(session(62))
-
-
-def test_same_object_is_stated_instead_of_judged():
-    data = session(61, lambda t, x, v, run: kelvin_voigt(x, v, 500.0 * maxwell(t, x, run, TAU_S)))
-    columns = {
-        "time_s": data.time_s,
-        "displacement_m": data.position,
-        "force_N": data.effort,
-        "run": data.run,
-    }
-    decided, stated = (Study(columns, same_object=same).channel() for same in (False, True))
-    assert (decided.data.recovers, stated.data.recovers) == (True, False)
-    assert decided.sha256 != stated.sha256  # so that revisions of one are not taken for those of the other
-    with pytest.raises(InputError, match="fresh=True and same_object=True contradict each other"):
-        Study(columns, same_object=True, fresh=True)

@@ -103,7 +103,6 @@ def test_error_for_unsupported_data_lists_the_supported_types(data):
         {"context": "temperature"},
         {"context": (3,)},
         {"fresh": "no"},
-        {"same_object": 1},
     ],
 )
 def test_options_of_another_type_are_refused_by_name(options):
