@@ -5,7 +5,6 @@ import re
 from xml.etree import ElementTree
 
 import pytest
-from rerun.chunk import RrdReader
 from rich.console import Console
 
 from palpate.estimation.diagnosis import ChannelDiagnosis
@@ -13,8 +12,7 @@ from palpate.estimation.diagnosis.result import RemainingError
 from palpate.estimation.kinds import Kind
 from palpate.render import palette, terminal
 from palpate.render.diagnosis import budget_svg, budget_view, diagnosis_verdict
-from palpate.render.recording.file import TIME, recording_file, shown_on
-from palpate.render.recording.revisions import budget_tab, log_budget
+from palpate.render.recording.revisions import budget_markdown
 
 
 def share(kind, value, form="unknown", effects=(), low=None, high=None, **more):
@@ -182,25 +180,11 @@ def test_unexplained_verdict_names_only_kinds():
     assert "dry_friction" not in told
 
 
-def test_rerun_shows_a_bar_for_each_part_and_the_sentence(tmp_path):
-    view, path = budget_view(diagnosis(RELAXATION, SHAPE)), tmp_path / "budget.rrd"
-    with recording_file(
-        "budget", path, shown_on(budget_tab("contact", "budget"), timeline=TIME)
-    ) as recording:
-        log_budget(recording, "contact", view)
-    columns = {}
-    for chunk in RrdReader(path).stream().to_chunks():
-        batch = chunk.to_record_batch()
-        for name in batch.schema.names:
-            columns[chunk.entity_path, name.rpartition(":")[2]] = batch.column(name).to_pylist()
-    ends = [
-        max(point[0] for line in columns[f"/contact/chart/row/{row}/bar", "strips"][0] for point in line)
-        for row in range(3)
-    ]
-    assert ends[1] / ends[0] == pytest.approx(0.25 / 0.61)
-    assert ends[2] / ends[0] == pytest.approx(0.04 / 0.61)
-    (text,) = columns["/contact/words", "text"]
-    assert view.sentence in text[0]
+def test_recording_describes_the_budget_as_a_table():
+    view = budget_view(diagnosis(RELAXATION, SHAPE))
+    text = budget_markdown(view)
+    assert view.sentence in text
+    assert "| relaxation | 61 % | 51 to 71 % | 40 to 80 % | approximate | relaxation_spectrum |" in text
 
 
 def test_names_of_fonts_are_valid_in_css():

@@ -115,71 +115,17 @@ def ticks(low: float, high: float) -> list[float]:
     return [round(float(value), 12) + 0.0 for value in counts * step]  # no -0
 
 
-_WIDTH = 160.0  # width of a share of 1, in the view's units
-_STACK, _ROW = 14.0, 13.0  # heights of the stacked bar and of a row
-_NAMES = -62.0  # left end of the rows' names
-_STEP = 0.5  # distance between the lines that fill a bar, because Rerun only outlines boxes
-_THICK = 5.0  # thickness of a row's bar
-
-
-def log_budget(recording: rr.RecordingStream, entity: str, budget: BudgetView) -> None:
-    """Log an error budget, the same at all times.
-
-    Args:
-        recording: destination.
-        entity: path of the budget.
-        budget: shares of the error.
-    """
-    total = sum(max(part.share, 0.0) for part in budget.parts) or 1.0
-    left = 0.0
-    for number, part in enumerate(budget.parts):
-        right = left + max(part.share, 0.0) / total * _WIDTH
-        _fill(recording, f"{entity}/chart/stack/{number}", (left, right), (0.0, _STACK), part.color)
-        left = right
-        # name and share; bar; line over the range
-        row, y = f"{entity}/chart/row/{number}", _STACK + (number + 1) * _ROW
-        place, text = (_NAMES / 2, y - 3.5), f"{part.word} {part.share_text}"
-        name = rr.Points2D([place], labels=[text], colors=_INK, radii=0.0, show_labels=True)
-        recording.log(f"{row}/name", name, static=True)
-        end = max(part.share, 0.0) * _WIDTH
-        _fill(recording, f"{row}/bar", (0.0, end), (y - _THICK / 2, y + _THICK / 2), part.color)
-        if part.range is not None:
-            ends = [[_WIDTH * share, y + _THICK / 2 + 1.5] for share in part.range]
-            line = rr.LineStrips2D([ends], colors=palette.rgb(part.color), radii=rr.Radius.ui_points(1.0))
-            recording.log(f"{row}/range", line, static=True)
+def budget_markdown(budget: BudgetView) -> str:
+    """Describe an error budget as Markdown, with a table of its parts."""
     lines = ["### Error budget", budget.sentence, ""]
     lines += [f"| kind | share | 95 % interval | {RANGE} | form | effects |", "|---" * 6 + "|"]
     for part in budget.parts:
         interval = f"{100 * part.interval[0]:.0f} to {100 * part.interval[1]:.0f} %" if part.interval else ""
         cells = part.word, part.share_text, interval, part.range_text, part.form, part.effects_text
         lines.append(f"| {' | '.join(cells)} |")
-    lines += [
-        "\nShares of the base model's squared error in held-out runs. The line below a bar is the range. "
-        + RANGE_MEANING
-    ]
+    lines.append(f"\nShares of the base model's squared error in held-out runs. {RANGE_MEANING}")
     lines += [f"\n{sentence}" for sentence in (*budget.form_meanings, *budget.confusions)]
-    recording.log(f"{entity}/words", markdown("\n".join(lines)), static=True)
-
-
-def _fill(
-    recording: rr.RecordingStream, entity: str, x: tuple[float, float], y: tuple[float, float], color: str
-) -> None:
-    count = max(round((y[1] - y[0]) / _STEP), 1)
-    heights = [y[0] + (place + 0.5) * _STEP for place in range(count)]
-    lines = [[[x[0], height], [x[1], height]] for height in heights]
-    filled = rr.LineStrips2D(lines, colors=palette.rgb(color), radii=_STEP / 2 + 0.05)
-    recording.log(entity, filled, static=True)
-
-
-def budget_tab(entity: str, name: str) -> rrb.Horizontal:
-    """Make the tab of an error budget."""
-    frame = rrb.VisualBounds2D(x_range=[_NAMES - 8.0, _WIDTH + 8.0], y_range=[-8.0, _STACK + 9 * _ROW])
-    background = rrb.Background(color=BACKGROUND)
-    chart = rrb.Spatial2DView(
-        origin=f"{entity}/chart", name="Shares", visual_bounds=frame, background=background
-    )
-    words = rrb.TextDocumentView(origin=f"{entity}/words", name="In words")
-    return rrb.Horizontal(chart, words, column_shares=[3, 2], name=name)
+    return "\n".join(lines)
 
 
 _WIDE = 300.0
@@ -201,8 +147,10 @@ def record_rerun(view: StudyView, path: Path) -> None:
     """
     drawn = [channel for channel in view.channels if len(channel.effort)]
     grown = [channel for channel in drawn if len(channel.stages) > 1]
-    judged = [channel for channel in drawn if channel.budget is not None]
-    tabs: list[rrb.Container] = [budget_tab(f"{c.name}/budget", f"{c.name}: error budget") for c in judged]
+    budgets = {channel.name: channel.budget for channel in drawn if channel.budget is not None}
+    tabs: list[rrb.Container | rrb.View] = [
+        rrb.TextDocumentView(origin=f"{name}/budget", name=f"{name}: error budget") for name in budgets
+    ]
     for channel in grown:
         name, title = channel.name, f"Error in held-out runs [{channel.axes.effort_unit}]"
         drawings = rrb.Vertical(
@@ -226,9 +174,8 @@ def record_rerun(view: StudyView, path: Path) -> None:
         tabs.append(rrb.Vertical(*plots, row_shares=[3, 2, 1, 1][-len(plots) :], name=name))
     timeline = REVISION if grown else TIME
     with recording_file(Path(view.file).name, path, shown_on(*tabs, timeline=timeline)) as recording:
-        for channel in judged:
-            if channel.budget is not None:
-                log_budget(recording, f"{channel.name}/budget", channel.budget)
+        for name, budget in budgets.items():
+            recording.log(f"{name}/budget", markdown(budget_markdown(budget)), static=True)
         for channel in grown:
             _log_curves(recording, channel)
             errors = np.array([stage.rmse for stage in channel.stages])
@@ -279,26 +226,23 @@ def _log_curves(recording: rr.RecordingStream, channel: ChannelView) -> None:
     effort = Chart(f"{name}/effort", span_of(channel.time_s, 0.0), efforts, "time [s]", axes.effort, _WIDE)
     loop = Chart(f"{name}/loop", across, efforts, axes.position, axes.effort)
     left = Chart(f"{name}/residual", across, residuals, axes.position, axes.residual)
-
-    for chart, x, rows in ((effort, channel.time_s, runs), (loop, channel.position, pressed)):
+    predicted, residual = [stage.predicted for stage in stages], [stage.residual for stage in stages]
+    for chart, x, rows, models in (
+        (effort, channel.time_s, runs, predicted),
+        (loop, channel.position, pressed, predicted),
+        (left, channel.position, pressed, residual),
+    ):
         chart.draw_frame(recording)
-        measured = chart.strips(run_curves(x, channel.effort, rows), palette.MEASURED, 3.5)
-        recording.log(f"{chart.entity}/a_measured", measured, static=True)
-        first = chart.strips(run_curves(x, stages[0].predicted, rows), palette.BASE, 1.2)
+        if models is predicted:
+            measured = chart.strips(run_curves(x, channel.effort, rows), palette.MEASURED, 3.5)
+            recording.log(f"{chart.entity}/a_measured", measured, static=True)
+        first = chart.strips(run_curves(x, models[0], rows), palette.BASE, 1.2)
         recording.log(f"{chart.entity}/b_first", first, static=True)
-        for number, stage in enumerate(stages):
+        for number, values in enumerate(models):
             recording.set_time(REVISION, sequence=number)
-            model = chart.strips(run_curves(x, stage.predicted, rows), palette.MODEL, 1.6)
+            model = chart.strips(run_curves(x, values, rows), palette.MODEL, 1.6)
             recording.log(f"{chart.entity}/model", model)
         recording.reset_time()
-    left.draw_frame(recording)
-    first = left.strips(run_curves(channel.position, stages[0].residual, pressed), palette.BASE, 1.2)
-    recording.log(f"{left.entity}/a_first", first, static=True)
-    for number, stage in enumerate(stages):
-        recording.set_time(REVISION, sequence=number)
-        curves = run_curves(channel.position, stage.residual, pressed)
-        recording.log(f"{left.entity}/now", left.strips(curves, palette.MODEL, 1.4))
-    recording.reset_time()
 
 
 def _view(origin: str, name: str, width: float = WIDTH) -> rrb.Spatial2DView:
