@@ -134,9 +134,9 @@ _WIDE = 300.0
 def record_rerun(view: StudyView, path: Path) -> None:
     """Write the recording, completely or not at all.
 
-    If a diagnosis is known, the first tab of a channel shows its error budget. If effects were added,
-    timeline `revision` shows curves, residual, error and sentences of each revision, beside those of revision
-    0 in gray. Timeline `time` shows measurement, models and motion over time.
+    If effects were added, timeline `revision` shows curves, residual, error and sentences of each revision,
+    beside those of revision 0 in gray. If a diagnosis is known, a tab describes its error budget. Timeline
+    `time` shows measurement, models and motion over time.
 
     Args:
         view: all channels.
@@ -148,9 +148,7 @@ def record_rerun(view: StudyView, path: Path) -> None:
     drawn = [channel for channel in view.channels if len(channel.effort)]
     grown = [channel for channel in drawn if len(channel.stages) > 1]
     budgets = {channel.name: channel.budget for channel in drawn if channel.budget is not None}
-    tabs: list[rrb.Container | rrb.View] = [
-        rrb.TextDocumentView(origin=f"{name}/budget", name=f"{name}: error budget") for name in budgets
-    ]
+    tabs: list[rrb.Container | rrb.View] = []
     for channel in grown:
         name, title = channel.name, f"Error in held-out runs [{channel.axes.effort_unit}]"
         drawings = rrb.Vertical(
@@ -164,6 +162,8 @@ def record_rerun(view: StudyView, path: Path) -> None:
         reach = (0.0, 1.16 * max(stage.rmse for stage in channel.stages))
         notes = rrb.Vertical(plot(f"{name}/error", title, reach, rrb.Corner2D.RightTop), words)
         tabs.append(rrb.Horizontal(drawings, notes, column_shares=[2, 1], name=name))
+    for name in budgets:
+        tabs.append(rrb.TextDocumentView(origin=f"{name}/budget", name=f"{name}: error budget"))
     for channel in drawn:
         place, axes, corner = f"{channel.name}/time", channel.axes, rrb.Corner2D.LeftTop
         plots = [plot(f"{place}/effort", axes.effort, legend=corner)]
