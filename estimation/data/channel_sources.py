@@ -81,11 +81,6 @@ def channel_sources(columns: ColumnAssignment) -> list[ChannelSource]:
     if NAMELESS in table.notes:
         cells = list_first([table.labels(name)[0][0] for name in table.names])
         first_row = f" (the file has no column names; its first row is {cells})"
-    if len(table.names) == 1:
-        raise InputError(
-            f"{table.path}: holds only one column, '{table.names[0]}'; a measurement needs at least three: "
-            "time, motion and effort; if other files hold them, give all these files"
-        )
     reason = f"no channel can be made of columns {table.listed_names}{first_row}"
     raise InputError(f"{table.path}: {reason}; {_suggest_columns(columns)}")
 
@@ -162,11 +157,10 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
     # Angles come first, and quantities that may stand for a force last.
     guesses.sort(key=lambda g: (not is_angle(g.column), dimension_by_name[g.column] in PROXIES))
     for guess in guesses:
-        name, dimension = guess.column, dimension_by_name[guess.column]
-        by_unit = (quantity for quantity in _UNITS if dimension in QUANTITIES[quantity])
-        quantity = guess.quantity or quantity_in(name) or next(by_unit, "")
-        if table.numeric_share(name) > 0.5:
-            found.setdefault(quantity, name)
+        dimension = dimension_by_name[guess.column]
+        by_unit = next((quantity for quantity in _UNITS if dimension in QUANTITIES[quantity]), "")
+        if table.numeric_share(guess.column) > 0.5:
+            found.setdefault(guess.quantity or quantity_in(guess.column) or by_unit, guess.column)
     found |= {key[0]: assigned.column for key, assigned in columns.assigned.items()}
     if found.keys().isdisjoint(EFFORTS):
         return (
@@ -179,17 +173,9 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         found.setdefault("torque", found.get("force", ""))
     elif "position" in found:
         found.setdefault("displacement", found["position"])
-    options = [f"--column time={shlex.quote(found['time'])}"] if "time" in found else []
-    given = {key[0]: assigned.unit for key, assigned in columns.assigned.items()}
-    for quantity in ("position", "torque") if turns else ("displacement", "force"):
-        unit = _UNITS[quantity]
-        if quantity not in found:
-            options.append(f"--column {quantity}_{unit}=COLUMN")
-            continue
-        options.append(f"--column {quantity}={shlex.quote(found[quantity])}")
-        dimension = dimension_by_name[found[quantity]]
-        if quantity in given and not unit_in_name(found[quantity]):
-            options.append(f"--unit {quantity}={shlex.quote(given[quantity])}")
-        elif dimension not in QUANTITIES[quantity]:  # the leading 1 overrides the unit in the column's name
-            options.append(f"--unit {quantity}={'1' if dimension else ''}{unit}")
+    units = _UNITS | {key[0]: assigned.unit for key, assigned in columns.assigned.items()}
+    options = [
+        f"--column {quantity}_{units[quantity]}={shlex.quote(found.get(quantity, 'COLUMN'))}"
+        for quantity in (("position", "torque") if turns else ("displacement", "force"))
+    ]
     return f"{needed}; name the columns, as in {' '.join(options)}"

@@ -2,14 +2,12 @@
 
 import math
 import re
-import shlex
 from dataclasses import dataclass
 
 import numpy as np
 
 from palpate.estimation.data.column_names import (
     DISPLACEMENT,
-    FORCE,
     POSITION,
     PROXIES,
     QUANTITIES,
@@ -180,10 +178,8 @@ class ColumnUnits:
         for role, column in chosen.values():
             if role.quantity != "time" and not self.unit_of(role, column):
                 linear = ("force", role.joint) in chosen and ("torque", role.joint) not in chosen
-                unit, unknown = self._likely_unit(role, column, linear=linear), _unknown_unit(column)
-                in_capitals = dimension_of(normalize_unit(unknown.lower())) in QUANTITIES[role.quantity]
-                size = "10" if unknown and not in_capitals and not holds_counts(column) else ""
-                missing.append((column, f"--unit {role.quantity}={size}{unit}"))
+                unit = self._likely_unit(role, column, linear=linear)
+                missing.append((column, f"--unit {role.quantity}={unit}"))
         return missing
 
     def check_known(self, chosen: Chosen) -> None:
@@ -194,26 +190,18 @@ class ColumnUnits:
         """
         if missing := self.missing(chosen):
             columns = list_first([f"'{column}'" for column, _ in missing])
-            unknown = next(filter(None, (_unknown_unit(column) for column, _ in missing)), "")
+            names = (unknown_unit(column) or unit_in_name(column) for column, _ in missing)
+            unknown = next(filter(None, names), "")
             known = f" that is known ('{unknown}' is not)" if unknown else ""
             by_quantity = {option.partition("=")[0]: option for _, option in missing}
             by_quantity |= {o.partition("=")[0]: o for _, o in missing if o.endswith(_LARGE_UNITS)}
             options = " ".join(by_quantity.values())
             options += ", the value of one count" * any(holds_counts(column) for column, _ in missing)
-            options += ", with the size of the unknown unit" * ("=10" in options)
             if len(missing) == 1:
                 problem = f"column {columns} states no unit{known}; give it, as in {options}"
             else:
                 unit = known.replace("is", "are", 1) if known else ""
                 problem = f"columns {columns} state no units{unit}; give them, as in {options}"
-            keys = POSITION, FORCE
-            if set(keys) <= set(chosen) and not any(self.unit_of(*chosen[key]) for key in keys):
-                position, force = (shlex.quote(chosen[key][1]) for key in keys)
-                unit = self._likely_unit(*chosen[POSITION])
-                problem += (
-                    f"; if they belong to a revolute joint, add --column position={position} --column "
-                    f"torque={force} --unit position={unit} --unit torque=Nm"
-                )
             raise InputError(f"{self.table.path}: {problem}")
 
     def check_used(self, chosen: Chosen) -> None:
@@ -260,11 +248,6 @@ class ColumnUnits:
         if holds_counts(column):
             return _COUNT_OF_ENCODER if usual == "deg" else f"0.001{usual or si}"
         return usual if span > largest else si
-
-
-def _unknown_unit(column: str) -> str:
-    """Return the text in a column's name that states no known unit of its quantity; empty for none."""
-    return unknown_unit(column) or unit_in_name(column)
 
 
 def _note_on_name(role: Role, column: str, named_unit: str, unit: str, *, is_capital: bool) -> str:

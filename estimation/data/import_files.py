@@ -127,8 +127,7 @@ def read_tables(paths: Sequence[Path], options: ImportOptions) -> Iterator[Table
 def _side_by_side(first: Table, further: Iterable[Table]) -> Table | None:
     """Join tables side by side; None if they differ in their rows, or in a column that both have.
 
-    A column without a name is named after its file, such as `tau_3` for the third column of tau.csv,
-    or `tau` for its only column.
+    A column without a name is named after its file, such as `tau_3` for the third column of tau.csv.
     """
     columns, files = dict[str, Any](), list[str]()
     for table in chain([first], further):
@@ -136,8 +135,7 @@ def _side_by_side(first: Table, further: Iterable[Table]) -> Table | None:
             return None
         stem = table.path.name.split(".")[0]
         for number, name in enumerate(table.names, 1):
-            own_name = stem if len(table.names) == 1 else f"{stem}_{number}"
-            column, called = table.columns.column(name), own_name if is_unnamed(name) else name
+            column, called = table.columns.column(name), f"{stem}_{number}" if is_unnamed(name) else name
             if not columns.setdefault(called, column).equals(column):
                 return None
         files.append(table.path.name)

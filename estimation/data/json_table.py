@@ -43,14 +43,11 @@ def read_json(path: Path) -> FileColumns:
     try:
         content = json.loads(text, object_pairs_hook=unique)
     except json.JSONDecodeError as error:
-        content, lines = [], [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
-        for number, line in lines:
-            try:
-                content.append(json.loads(line, object_pairs_hook=unique))
-            except json.JSONDecodeError as line_error:
-                follows_records = number > lines[0][0]  # the lines before it are records
-                problem = f"line {number}: {line_error}" if follows_records else f"{error}"
-                raise InputError(f"{path}: is not valid JSON: {problem}") from error
+        lines = (line for line in text.splitlines() if line.strip())
+        try:
+            content = [json.loads(line, object_pairs_hook=unique) for line in lines]
+        except json.JSONDecodeError:
+            raise InputError(f"{path}: is not valid JSON: {error}") from error
     tables = list(_tables(content))
     if not tables:
         raise InputError(

@@ -15,7 +15,6 @@ from palpate.estimation.data.text_dialect import MISSING
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _MIN_COUNT = 2  # least number of repeated columns in each test; a single repeated column is a mistake
-_NANOSECONDS = re.compile(r"(.*?)(?:nanosecs?|nanoseconds|nsecs?)", re.IGNORECASE)
 _NUMBER = re.compile(r"[ _.(#-]*\d+\)?\s*$")
 _OF_A_PRESS = {"time", "displacement", "force"}
 
@@ -139,24 +138,6 @@ _DAY_S = 86400.0
 _MARK = {b"clock": b"s"}  # metadata of columns converted to seconds, whose names may state another unit
 
 
-def _with_nanoseconds(columns: pa.Table) -> tuple[pa.Table, list[str]]:
-    """Add columns such as "nanosec" to whole seconds, such as "sec", which then count from the first row."""
-    done, place_of = list[str](), {name.lower(): place for place, name in enumerate(columns.column_names)}
-    for name in columns.column_names:
-        match = _NANOSECONDS.fullmatch(name)
-        stems = (f"{match[1]}{ending}".lower() for ending in ("sec", "secs", "seconds")) if match else ()
-        place = next((place_of[stem] for stem in stems if stem in place_of), None)
-        if place is None:
-            continue
-        with suppress(pa.ArrowInvalid):
-            whole, part = (pc.cast(column, pa.float64()) for column in (columns.column(place), columns[name]))
-            seconds = pc.add(pc.subtract(whole, pc.min(whole)), pc.multiply(part, 1e-9))
-            clock = columns.column_names[place]
-            columns = columns.set_column(place, pa.field(clock, seconds.type, metadata=_MARK), seconds)
-            done.append(f"'{clock}' with '{name}'")
-    return columns, done
-
-
 def with_seconds(columns: pa.Table, decimal: str) -> tuple[pa.Table, tuple[str, ...]]:
     """Convert columns of clock times to seconds since midnight of the first day, with a note for the user.
 
@@ -164,7 +145,7 @@ def with_seconds(columns: pa.Table, decimal: str) -> tuple[pa.Table, tuple[str, 
         columns: columns of a file.
         decimal: decimal mark of its numbers.
     """
-    columns, done = _with_nanoseconds(columns)
+    done = []
     for place, name in enumerate(columns.column_names):
         column = columns.column(place)
         kind = column.type.value_type if pa.types.is_dictionary(column.type) else column.type

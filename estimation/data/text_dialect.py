@@ -61,12 +61,6 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[TableL
         if not is_body or was_body:
             continue
         width = max(len(_strip_empty(row)) for row in body)
-        # Remarks with one entry per column, such as "# columns: a b c".
-        above = [row for row in _preamble(rows, first, decimal) if len(row) == width + 1]
-        remarks = {row[0].rstrip(":").lower(): row[1:] for row in reversed(above) if row[0].endswith(":")}
-        if "columns" in remarks:
-            yield TableLayout(_with_units(remarks["columns"], remarks.get("units", ())), first, first - 1)
-            continue
         header = _header_rows(rows, first, width, decimal)
         if not header:
             continue
@@ -128,15 +122,6 @@ def _header_rows(
         if len(header) == 2:
             break
     return header
-
-
-def _preamble(rows: Sequence[Sequence[str]], first: int, decimal: str) -> Iterator[Sequence[str]]:
-    """Yield the rows above a table, the highest last, up to the rows of numbers of another table."""
-    for place in range(first - 1, -1, -1):
-        is_remark = bool(rows[place]) and rows[place][0].endswith(":")
-        if not is_remark and sum(_are_numbers(rows[place], decimal)) >= MIN_NUMBERS:
-            break
-        yield rows[place]
 
 
 def _with_units(names: Sequence[str], units: Sequence[str]) -> tuple[str, ...]:
@@ -477,10 +462,4 @@ def same_columns(blocks: Sequence[TableBlock], selected: str, place: Path) -> tu
         f"{'line ' * b.title.isdecimal()}'{b.title}' ({b.rows:,} row{'s' * (b.rows != 1)})" for b in omitted
     ]
     option = f"--table {shlex.quote(omitted[0].title)}"
-    note = f"not read, because the columns differ: {list_first(sizes)}; {option} reads one"
-    # A line of words among the rows, such as a remark with as many cells, looks like column names.
-    alike = (block for block in omitted if len(block.names) == len(longest.names))
-    doubtful = next((block.title for block in alike if not _is_measurement(block.names)), "")
-    if doubtful.isdecimal() and not selected:
-        note += f"; if line {doubtful} names no columns, remove it"
-    return chosen, [note]
+    return chosen, [f"not read, because the columns differ: {list_first(sizes)}; {option} reads one"]

@@ -7,6 +7,7 @@ import gzip
 import math
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,16 +18,13 @@ from palpate.estimation.data.file_columns import FileColumns, check_size, most_b
 from palpate.estimation.data.table_layout import matching_places, with_run
 from palpate.estimation.data.text_dialect import (
     BLANKS,
-    NAMELESS,
     TableBlock,
     TextDialect,
     TextTable,
     find_dialect,
     is_footer,
     is_missing,
-    is_number,
     line_cells,
-    numbered_names,
     preamble_notes,
     same_columns,
 )
@@ -36,8 +34,6 @@ from palpate.robot_io.types import IntArray
 _MAX_LINE_BYTES = 2**20 - 1  # bytes; the reader uses blocks of 1 MiB, each of which must contain a line end
 _MAX_COLUMNS = 20_000  # limits computing time, since each name is compared with all words for a quantity
 _SHOWN = 60  # characters of a rejected line that an error message shows
-_MIN_NUMBERS = 3  # least number of rows of a file with one column
-_ALIKE = 100  # first lines that decide on the decimal mark of a file with one column
 
 
 def read_text_table(path: Path, selected: str) -> FileColumns:
@@ -52,8 +48,6 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
     """
     content, encoding = _read_text(path)
     dialect = find_dialect(content)
-    if dialect is None and (column := _only_column(content)) is not None:
-        return column
     if dialect is None:  # names may have quoted line breaks, as spreadsheets write them
         content = _NAMES_IN_QUOTES.sub(_one_line, content[:_LOOKED_AT]) + content[_LOOKED_AT:]
         dialect = find_dialect(content) or _raise_no_table(content, path)
@@ -112,15 +106,12 @@ def _read_text(path: Path) -> tuple[bytes, str]:
     for mark in (b"'", b"\xe2\x80\x99"):  # in "1'000"
         content = re.sub(mark + rb"(?<=\d" + mark + rb")(?=\d{3}(?!\d))", b"", content)
     content = re.sub(rb"\n +(?=\r?\n)", b"\n", content)  # blank lines
-    if _FORTRAN.search(content[:_LOOKED_AT]):
-        content = re.sub(rb"[dD](?<=[\d.]{2}[dD])(?=[-+]\d\d)", b"e", content)
     first_lines = content.lstrip()[: _MAX_LINE_BYTES + 1]
     if len(first_lines) > _MAX_LINE_BYTES and b"\n" not in first_lines:
         raise InputError(f"{path}: its first line is longer than 1 MiB; put the names of the columns there")
     return content, encoding
 
 
-_FORTRAN = re.compile(rb"\d\.\d*[dD][-+]\d\d")  # a number of double precision, such as "1.5D+03"
 _NAMES_IN_QUOTES = re.compile(rb'(?:[^"\r\n]|"[^"]{0,1000}")+')  # one row with quoted line breaks
 
 
@@ -222,33 +213,16 @@ def number_of(text: object) -> float:
         return math.nan
 
 
-def _only_column(content: bytes) -> FileColumns | None:
-    """Read lines with one number each, perhaps below a name, as a part of a measurement; or None."""
-    lines = [line.strip() for line in content.decode(errors="replace").splitlines()]
-    filled = [number for number, line in enumerate(lines) if line]
-    decimal = "," if any("," in lines[n] for n in filled[1:_ALIKE]) else "."
-    header = [] if is_number(lines[filled[0]], decimal) else [lines[filled.pop(0)]]
-    if len(filled) < _MIN_NUMBERS or not all(is_number(lines[number], decimal) for number in filled):
-        return None
-    name = header[0].strip('"') if header else numbered_names(1)[0]
-    column = pa.table({name: pa.array([lines[number] for number in filled])})
-    notes = () if header else (NAMELESS,)
-    return FileColumns(column, decimal, notes, rows=1 + np.array(filled), row_word="line")
-
-
 def _raise_no_table(content: bytes, path: Path) -> TextDialect:
     """Raise the error that explains why no table was found."""
     line, *rest = content.lstrip().splitlines()
     header = line.decode(errors="replace")
     if not any(rest):
         raise InputError(f"{path}: no rows of data")
-    first = next((line.decode(errors="replace") for line in rest if line.strip()), "")
-    remedy = "write the column names in one line, with numbers below each name"
-    if with_unit := _WITH_UNIT.search(first):
-        remedy = f"write a unit in the name of its column, not behind numbers as in {with_unit[0]!r}"
     raise InputError(
         f"{path}: no line of column names above rows of numbers was found; the file begins with "
-        f"{' '.join(header.split())[:_SHOWN]!r}; {remedy}; if it is no measurement, leave it out"
+        f"{' '.join(header.split())[:_SHOWN]!r}; write the column names in one line, with numbers, without "
+        "their units, below each name; if it is no measurement, leave it out"
     )
 
 
@@ -280,19 +254,8 @@ def _end_of_rows(content: bytes, table: TextTable, end: int, delimiter: str) -> 
 
 
 _ONE_STEP = 2.0  # largest interval between two parts of a recording, in steps of the clock
-_WITH_UNIT = re.compile(r"(?<![\w.])[+-]?\d+(?:[.,]\d+)? ?[A-Za-zµ°%]{1,6}\b")  # a cell such as "0.5 mm"
-_FEW_ZEROS = 1e-3  # largest share of zero bytes in a text
-_LOST_IN_NUMBER = re.compile(rb"(?<=[\d.])\0+|\0+(?=[-+\d.])")  # zero bytes that stand for lost characters
 _CONTROLS = bytes(set(range(32)) - set(b"\t\n\r\f\x1a\x1b")) + b"\x7f\x81\x8d\x8f\x90\x9d"  # not in a text
 _LOOKED_AT = 1 << 16  # bytes
-_OTHER_FORMATS = (  # first bytes of other file types, and the remedy
-    (b"\x89PNG", "is a picture; save the measurements themselves"),
-    (b"\xff\xd8\xff", "is a picture; save the measurements themselves"),
-    (b"%PDF", "is a PDF; save the measurements themselves"),
-    (b"PK\x03\x04", "is a packed archive, perhaps a workbook: rename it to end in .xlsx or .npz"),
-    (b"\x1f\x8b", "is compressed: rename it to end in .gz"),
-    (b"PAR1", "is a Parquet file: rename it to end in .parquet"),
-)
 
 
 def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
@@ -300,8 +263,7 @@ def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
 
     UTF-16 is recognized by its byte order mark, or by zero bytes between Latin letters. Other text without
     control characters is read as Western European (cp1252), which testing machines use for degree signs and
-    umlauts. A few zero bytes are ends of strings and are removed; next to a digit they are lost characters of
-    a number, and become U+FFFD, which no number contains.
+    umlauts.
 
     Args:
         content: content of the file.
@@ -317,22 +279,14 @@ def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
     for name, zeros, letters in (("utf-16-le", head[1::2], head[::2]), ("utf-16-be", head[::2], head[1::2])):
         if len(head) >= 4 and not encoding and zeros.count(0) > 0.9 * len(zeros) and not letters.count(0):
             encoding = name
-    if not encoding and content.count(b"\0") <= _FEW_ZEROS * len(content):
-        content = _LOST_IN_NUMBER.sub("\ufffd".encode(), content).replace(b"\0", b"")
     try:
+        if not encoding and b"\0" not in content:
+            content.decode()
+            return content, ""
+    except UnicodeDecodeError:
+        if not any(byte in _CONTROLS for byte in head):
+            return content.decode("cp1252", errors="replace").encode(), "cp1252"
+    with suppress(UnicodeDecodeError):
         if encoding:
             return content.decode(encoding).encode(), encoding
-        if not content.isascii():
-            content.decode()
-    except UnicodeDecodeError:
-        if encoding or any(byte in _CONTROLS for byte in content[:_LOOKED_AT]):
-            raise _no_text(content, path) from None
-        return content.decode("cp1252", errors="replace").encode(), "cp1252"
-    if b"\0" in content:
-        raise _no_text(content, path)
-    return content, ""
-
-
-def _no_text(content: bytes, path: Path) -> InputError:
-    formats = (words for begins, words in _OTHER_FORMATS if content.startswith(begins))
-    return InputError(f"{path}: {next(formats, 'is not a text file; save it as CSV in UTF-8')}")
+    raise InputError(f"{path}: is not a text file; save it as CSV in UTF-8")

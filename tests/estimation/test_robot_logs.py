@@ -87,8 +87,8 @@ ONE_IS_NONE = np.where((np.arange(len(T)) == 5)[:, None] & [False, True], np.nan
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"torque": None}, "has no effort, which"),
-        ({"torque": ONE_IS_NONE}, "has no finite effort of joint 'elbow' in 1 of 400 messages"),
+        ({"torque": None}, "lacks a joint's effort"),
+        ({"torque": ONE_IS_NONE}, "lacks a joint's effort"),
         ({"stamped": False}, "every message has the same header.stamp"),
     ],
 )
@@ -294,13 +294,13 @@ def test_speeds_and_torques_of_named_motors_are_joints_and_the_proposed_units_ca
 @pytest.mark.parametrize(
     ("names", "proposed"),
     [
-        ("time_s,tau,tauIden", "--column position_rad=COLUMN --column torque=tau --unit torque=Nm"),
-        ("time_s,Torque [Nm],temp", "--column position_rad=COLUMN --column torque='Torque [Nm]'"),
-        ("time_s,Fx,Fz,Tx,Ty,Tz", "--column displacement_mm=COLUMN --column force=Fz --unit force=N"),
-        ("time_s,force,Frame", "--column displacement_mm=COLUMN --column force=force --unit force=N"),
+        ("time_s,tau,tauIden", "--column position_rad=COLUMN --column torque_Nm=tau"),
+        ("time_s,Torque [Nm],temp", "--column position_rad=COLUMN --column torque_Nm='Torque [Nm]'"),
+        ("time_s,Fx,Fz,Tx,Ty,Tz", "--column displacement_mm=COLUMN --column force_N=Fz"),
+        ("time_s,force,Frame", "--column displacement_mm=COLUMN --column force_N=force"),
         (
             "time_ms,position_slave,force_slave,position_slave_deg,position_master_deg",
-            "--column position=position_slave_deg --column torque=force_slave --unit torque=Nm",
+            "--column position_rad=position_slave_deg --column torque_Nm=force_slave",
         ),
     ],
 )
