@@ -12,6 +12,7 @@ from xml.etree.ElementTree import tostring
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from palpate.control.loop.task import IN_CONTACT, Phase
 from palpate.estimation.estimate import Estimate, ParameterEstimate
@@ -48,8 +49,7 @@ class Scene:
     @property
     def time_s(self) -> FloatArray:
         """Time of each tick from the first one, shape (n,) [s]."""
-        since_start: FloatArray = self.ticks["time_s"] - self.ticks["time_s"][0]
-        return since_start
+        return np.asarray(self.ticks["time_s"] - self.ticks["time_s"][0])
 
     @property
     def joints(self) -> int:
@@ -64,8 +64,7 @@ class Scene:
     @property
     def press_direction_world(self) -> FloatArray:
         """Unit vector into the object, shape (n, 3)."""
-        direction: FloatArray = self.ticks["press_direction_world"]
-        return direction
+        return np.asarray(self.ticks["press_direction_world"])
 
     @property
     def depth_m(self) -> FloatArray | None:
@@ -73,8 +72,7 @@ class Scene:
         if self.surface_m is None:
             return None
         tips = self.ticks["tip_position_world_m"]
-        along: FloatArray = np.einsum("ij,ij->i", tips, self.press_direction_world)
-        return along - self.surface_m
+        return np.asarray(np.einsum("ij,ij->i", tips, self.press_direction_world) - self.surface_m)
 
     @property
     def main_press_direction_world(self) -> FloatArray:
@@ -91,8 +89,7 @@ class Scene:
             return None
         press = self.main_press_direction_world
         point = np.asarray(self.ticks["tip_position_world_m"])[touching].mean(axis=0)
-        on_surface: FloatArray = point + (self.surface_m - point @ press) * press
-        return on_surface
+        return np.asarray(point + (self.surface_m - point @ press) * press)
 
     @property
     def picture_rows(self) -> IntArray:
@@ -119,88 +116,12 @@ def picture_rows(time_s: FloatArray) -> IntArray:
     return np.unique(np.append(np.searchsorted(time_s, grid), len(time_s) - 1))
 
 
-_TOP, _SIDE = (226, 168, 124), (168, 116, 84)
-_HALF_WIDTH_M, _THICKNESS_M = 0.09, 0.05
-_VERTICES = 33  # vertices along each edge of the top
-_CROWDING = 1.7  # > 1 puts more vertices near the middle, where the top bends
-_RADIUS_M = 0.018  # of the dimple
-_RESOLUTION_M = 5e-5  # smaller changes of depth are not drawn
-
-
-class PressedBlock:
-    """Block whose top deforms under the tip.
-
-    Args:
-        top_center_world_m: shape (3,), the touched point of the unloaded surface [m].
-        press_direction_world: shape (3,), unit vector into the block.
-    """
-
-    def __init__(self, top_center_world_m: FloatArray, press_direction_world: FloatArray) -> None:
-        self._center = top_center_world_m
-        self._down = press_direction_world / np.linalg.norm(press_direction_world)
-        sideways = np.eye(3)[np.argmin(np.abs(self._down))]
-        self._u = np.cross(self._down, sideways)
-        self._u /= np.linalg.norm(self._u)
-        self._v = np.cross(self._down, self._u)
-        even = np.linspace(-1.0, 1.0, _VERTICES)
-        crowded = _HALF_WIDTH_M * np.sign(even) * np.abs(even) ** _CROWDING
-        a, b = np.meshgrid(crowded, crowded, indexing="ij")
-        self._flat: FloatArray = self._center + a.reshape(-1, 1) * self._u + b.reshape(-1, 1) * self._v
-
-    def sides(self) -> rr.Mesh3D:
-        """Return the four walls, each as a separate quad with its own normal."""
-        signs = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
-        upper = np.array([self._center + _HALF_WIDTH_M * (a * self._u + b * self._v) for a, b in signs])
-        lower, after = upper + _THICKNESS_M * self._down, np.roll(np.arange(4), -1)
-        vertices = np.stack([upper, upper[after], lower[after], lower], axis=1).reshape(-1, 3)
-        outward = (upper + upper[after]) / 2 - self._center
-        outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-        triangles = [(4 * i, 4 * i + j, 4 * i + j + 1) for i in range(4) for j in (1, 2)]
-        return _mesh(vertices, np.repeat(outward, 4, axis=0), triangles, _SIDE)
-
-    def top(self) -> rr.Mesh3D:
-        """Return the mesh of the object's top surface without load."""
-        corners = [i * _VERTICES + j for i in range(_VERTICES - 1) for j in range(_VERTICES - 1)]
-        triangles = [(c, c + 1, c + _VERTICES + 1) for c in corners]
-        triangles += [(c, c + _VERTICES + 1, c + _VERTICES) for c in corners]
-        return _mesh(self._flat, np.tile(-self._down, (len(self._flat), 1)), triangles, _TOP)
-
-    def pressed(self, tips_world_m: FloatArray, depth_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return vertices and normals of the top, shape (m, vertices, 3) each, for m tip positions.
-
-        The top follows d / (1 + (r / a)^2)^(3/2): flat far away, and d deep under the tip.
-
-        Args:
-            tips_world_m: places of the tip, shape (m, 3) [m].
-            depth_m: depth of the tip below the surface, shape (m,) [m].
-        """
-        offset = self._flat[None] - tips_world_m[:, None]
-        along_u, along_v = offset @ self._u, offset @ self._v
-        depth = np.maximum(depth_m, 0.0)[:, None]
-        inside = 1.0 + (along_u**2 + along_v**2) / _RADIUS_M**2
-        vertices = self._flat[None] + (depth * inside**-1.5)[..., None] * self._down
-        slope = (-3.0 * depth * inside**-2.5 / _RADIUS_M**2)[..., None]
-        normals = -self._down + slope * (along_u[..., None] * self._u + along_v[..., None] * self._v)
-        return vertices, normals / np.linalg.norm(normals, axis=-1, keepdims=True)
-
-
-def _mesh(
-    vertices: FloatArray,
-    normals: FloatArray,
-    triangles: list[tuple[int, int, int]],
-    color: tuple[int, int, int],
-) -> rr.Mesh3D:
-    colors = [color] * len(vertices)
-    return rr.Mesh3D(
-        vertex_positions=vertices, vertex_normals=normals, triangle_indices=triangles, vertex_colors=colors
-    )
-
-
 ROOT_FRAME = "world"  # frame of everything that is no part of the arm
 _ARM, _OBJECT, _TIP = "arm", "object", "tip"
 _ARROW_M_PER_N, _ARROW_RADIUS_M = 0.012, 0.004
 _ARROW_ASIDE_M = 0.05  # offset to the side, because the tool would hide the arrow
 _ARROW = (240, 92, 84)
+_BLOCK_M, _BLOCK = (0.09, 0.09, 0.025), (226, 168, 124)  # half sizes and color of the object
 _GRID = (120, 134, 150, 60)
 _EYE_DIRECTION = np.array([0.35, -1.0, 0.42])  # from the side: the arm moves in the x-z plane
 _EYE_DISTANCE = 1.5  # as a multiple of the scene's size
@@ -285,7 +206,7 @@ def _moving_joints(tree: urdf_reader.UrdfTree) -> list[urdf_reader.UrdfJoint]:
 
 
 def log_object(recording: rr.RecordingStream, scene: Scene) -> None:
-    """Log the contact force as an arrow next to the tip, and the deforming object.
+    """Log the contact force as an arrow next to the tip, and the object as a block.
 
     Args:
         recording: destination.
@@ -302,19 +223,17 @@ def log_object(recording: rr.RecordingStream, scene: Scene) -> None:
     recording.log(_TIP, rr.Arrows3D.from_fields(radii=_ARROW_RADIUS_M, colors=[_ARROW]), static=True)
     arrows = rr.Arrows3D.columns(origins=tips + _ARROW_ASIDE_M * outwards, vectors=vectors)
     recording.send_columns(_TIP, time_column(scene.time_s[rows]), arrows)
-    point, depth_m = scene.touch_point_world_m, scene.depth_m
-    if point is None or depth_m is None:
+    point, into = scene.touch_point_world_m, scene.main_press_direction_world
+    if point is None:
         return
-    block = PressedBlock(point, scene.main_press_direction_world)
-    for entity, mesh in (("sides", block.sides()), ("top", block.top())):
-        recording.log(f"{_OBJECT}/{entity}", rr.CoordinateFrame(ROOT_FRAME), mesh, static=True)
-    steps = np.round(np.maximum(depth_m[rows], 0.0) / _RESOLUTION_M)
-    rows = rows[np.r_[True, np.diff(steps) != 0]]  # rows at which the top looks different, and the first row
-    vertices, normals = block.pressed(scene.ticks["tip_position_world_m"][rows], depth_m[rows])
-    columns = rr.Mesh3D.columns(
-        vertex_positions=vertices.reshape(-1, 3), vertex_normals=normals.reshape(-1, 3)
-    ).partition([vertices.shape[1]] * len(rows))
-    recording.send_columns(f"{_OBJECT}/top", time_column(scene.time_s[rows]), columns)
+    turn, _ = Rotation.align_vectors(into[None], np.eye(3)[2:])
+    block = rr.Boxes3D(
+        half_sizes=[_BLOCK_M],
+        centers=[point + _BLOCK_M[2] * into],
+        quaternions=[rr.Quaternion(xyzw=turn.as_quat())],
+        colors=[_BLOCK],
+    )
+    recording.log(_OBJECT, rr.CoordinateFrame(ROOT_FRAME), block, static=True)
 
 
 def view_3d(scene: Scene) -> rrb.Spatial3DView:
