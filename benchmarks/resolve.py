@@ -43,7 +43,7 @@ from palpate.sim_backend.hidden import noise_scale
 from palpate.sim_backend.imperfection import IMPERFECTIONS, parse_imperfection
 from palpate.sim_backend.scenario import Scenario
 from palpate.study import Study
-from palpate.workflows.resolve import ProbeBudget, ProbeDecision, StopReason, resolve
+from palpate.workflows.resolve import ProbeDecision, StopReason, resolve
 
 SHORT = ProbingPlan(speeds_m_s=(0.09,), repeats=2, hold_s=0.3)
 WEAKEST, STRONGEST = 1.5, 10.0  # times the noise floor
@@ -82,7 +82,7 @@ def resolve_case(probes: int, case: dict[str, Any]) -> dict[str, Any]:
     with TemporaryDirectory() as folder, threadpool_limits(1):
         job = _job(case, Path(folder) / "sessions" / "probe.mcap")
         try:
-            done = resolve(job, ProbeBudget(probes, 600.0), case["channel"], decisions.append)
+            done = resolve(job, probes, 600.0, case["channel"], decisions.append)
             end, left = str(done.end), _groups(done.channels[0])
         except PalpateError as error:
             end, left = f"stopped: {error}", [["?"]]

@@ -208,22 +208,14 @@ class _Solver:
         residual_nm.T[self.moving.T] = residual  # one joint after the other
         return values, sandwich(columns, residual * w**2, w**2, joint).matrix, residual_nm
 
-    def tilt(self, values: FloatArray) -> FloatArray:
-        """Return pitch and roll [rad] in the values of all free parameters, 0 if not identifiable."""
-        tilt = np.zeros(2)
-        tilt[self.axes] = values[self.delay + 1 :]
-        return tilt
-
-    def _rigid_torque_and_rate(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return rigid-body torques with this tilt and delay, (m, n), and their rate without the delay."""
-        rigid_nm = np.asarray(self._inertial + self._gravity @ gravity_direction(self.tilt(values)))
-        rate = np.gradient(rigid_nm, self.motion.time_s, axis=0)
-        return rigid_nm - values[self.delay] * rate, rate
-
     def _linearized(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
         """Return columns (k, p), residuals, weights and joint numbers (k,) of all samples in use."""
-        rigid_nm, rate = self._rigid_torque_and_rate(values)
-        slopes = self._gravity @ gravity_direction_derivatives(self.tilt(values))[:, self.axes]
+        tilt = np.zeros(2)  # 0 where not identifiable
+        tilt[self.axes] = values[self.delay + 1 :]
+        rigid_nm = self._inertial + self._gravity @ gravity_direction(tilt)
+        rate = np.gradient(rigid_nm, self.motion.time_s, axis=0)
+        rigid_nm = rigid_nm - values[self.delay] * rate
+        slopes = self._gravity @ gravity_direction_derivatives(tilt)[:, self.axes]
         blocks, residuals, weights, joints = [], [], [], []
         for j in range(self.joints):
             rows, (s, c, b, o) = self.moving[:, j], values[4 * j : 4 * j + 4]

@@ -100,11 +100,11 @@ def write_page(batch: BatchResult) -> None:
     words = (f"{len(places):,} of {len(batch.table):,} rows.",) if len(places) < len(batch.table) else ()
     sections = [
         _overview(batch),
-        _COMMON.section(batch.common_effects),
+        _entry_section(batch.common_effects, _COMMON),
         _distributions(batch),
-        _POOLED.section(batch.pooled),
-        _SHARED.section(batch.shared),
-        _DIFFERENCES.section(sorted(batch.differences, key=lambda entry: entry.p_corrected)),
+        _entry_section(batch.pooled, _POOLED),
+        _entry_section(batch.shared, _SHARED),
+        _entry_section(sorted(batch.differences, key=lambda entry: entry.p_corrected), _DIFFERENCES),
         PageSection("Outliers", _OUTLIER, outliers, words=about_outliers),
         PageSection("Measurements that could not be judged", ("measurement", "reason"), errors),
         PageSection("Measurements", tuple(columns), lines, words=words, anchors=places),
@@ -247,25 +247,17 @@ def _distributions(batch: BatchResult) -> PageSection:
     return PageSection("Parameters", figure=tiles, words=tuple(words))
 
 
-@dataclass(frozen=True)
-class _EntryTable:
-    """A section that tabulates entries of a batch, one per row."""
-
-    title: str
-    columns: Mapping[str, Callable[[Any], object]]  # cells by the heads of their columns
-    words: str  # below the table
-
-    def section(self, entries: Sequence[Any]) -> PageSection:
-        """Tabulate entries.
-
-        Args:
-            entries: entries, in the order of the rows.
-        """
-        rows = [[cell(entry) for cell in self.columns.values()] for entry in entries]
-        return PageSection(self.title, tuple(self.columns), rows, words=(self.words,))
+_EntryTable = tuple[str, Mapping[str, Callable[[Any], object]], str]  # title, cells by heads, words below
 
 
-_COMMON = _EntryTable(
+def _entry_section(entries: Sequence[Any], table: _EntryTable) -> PageSection:
+    """Tabulate entries of a batch, one per row."""
+    title, columns, words = table
+    rows = [[cell(entry) for cell in columns.values()] for entry in entries]
+    return PageSection(title, tuple(columns), rows, words=(words,))
+
+
+_COMMON: _EntryTable = (
     "Effects missing in the pooled data",
     {
         "channel": lambda entry: entry.channel,
@@ -278,7 +270,7 @@ _COMMON = _EntryTable(
     "Evidence of all measurements together: mean gain in logarithmic score on held-out runs, one effect "
     "after the other. In each step, the probability of naming an effect if none is missing is at most 1 %.",
 )
-_POOLED = _EntryTable(
+_POOLED: _EntryTable = (
     "Pooled model, and how much measurements differ",
     {
         "channel": lambda entry: entry.channel,
@@ -297,7 +289,7 @@ _POOLED = _EntryTable(
     "standard errors. The columns “shrunk” of the table are each measurement's value, shrunk towards the "
     "mean. A value shrinks more if its standard error is large relative to the spread.",
 )
-_SHARED = _EntryTable(
+_SHARED: _EntryTable = (
     "Shared by all channels of a group",
     {
         "parameter": lambda entry: entry.parameter,
@@ -314,18 +306,14 @@ _SHARED = _EntryTable(
     "p: probability that estimates differ this much if they share one value (Cochran's Q, corrected by "
     "Holm). Below 0.01, no shared value is given.",
 )
-_DIFFERENCES = _EntryTable(
+_DIFFERENCES: _EntryTable = (
     "Do groups differ?",
     {
         "channel": lambda entry: entry.channel,
         "parameter": lambda entry: entry.parameter,
         "groups": lambda entry: f"{entry.groups[1]} − {entry.groups[0]}",
-        "difference": lambda entry: significant(
-            entry.difference, (entry.interval[1] - entry.interval[0]) / 4.0
-        ),
-        "95 % interval": lambda entry: range_text(
-            entry.interval, (entry.interval[1] - entry.interval[0]) / 4.0
-        ),
+        "difference": lambda entry: significant(entry.difference, entry.std_err),
+        "95 % interval": lambda entry: range_text(entry.interval, entry.std_err),
         "p": lambda entry: f"{entry.p_value:.2g}",
         "p corrected": lambda entry: f"{entry.p_corrected:.2g}",
         "unit": lambda entry: entry.unit,

@@ -53,6 +53,11 @@ class GroupDifference:
     p_value: float  # p-value of no difference
     p_corrected: float  # by Holm, over all parameters and pairs of groups
 
+    @property
+    def std_err(self) -> float:
+        """Approximate standard error, from the interval."""
+        return (self.interval[1] - self.interval[0]) / 4.0
+
 
 @dataclass(frozen=True)
 class SharedParameter:

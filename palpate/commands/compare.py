@@ -17,11 +17,12 @@ from palpate.estimation.study import ChannelResult
 from palpate.estimation.study.channels import ALL_CHANNELS
 from palpate.estimation.study.comparison import Comparison
 from palpate.estimation.study.other_models import far_better_model
-from palpate.estimation.study.paired_comparison import Extended, compare_pairs
+from palpate.estimation.study.paired_comparison import ComparedModel, Extended, compare_pairs
 from palpate.estimation.study.revisions import Revision, user_effects_of
 from palpate.render.build import NAMES, REPORT, result_view, write_outcome
 from palpate.render.paired import ChannelPairView, PairView, as_data, print_pair
 from palpate.render.terminal import print_comparison, print_files
+from palpate.render.view import ChannelView
 from palpate.robot_io.errors import InputError
 from palpate.study import Study
 from palpate.workflows.data_options import (
@@ -216,14 +217,11 @@ def _compare_pair(  # noqa: PLR0917, what was typed
     beside = "" if same else f" {shell_path(files[1])}"
     file = shell_path(data.file)
     again = f"palpate compare {file}{beside}{data.command_text(**given).removeprefix(file)}"
-    channels = []
-    for pair in pairs:
-        a, b = pair.first, pair.second
-        views = (
-            result_view(first.result(a.channel, a.effects, reason=a.reason)),
-            result_view(second.result(b.channel, b.effects, reason=b.reason)),
-        )
-        channels.append(ChannelPairView(pair, views))
+
+    def side(study: Study, model: ComparedModel) -> ChannelView:
+        return result_view(study.result(model.channel, model.effects, reason=model.reason))
+
+    channels = [ChannelPairView(pair, (side(first, pair.first), side(second, pair.second))) for pair in pairs]
     view = PairView(names, tuple(channels), (again,))
     # The keys are stable.
     content = {"files": [str(file) for file in files], "channels": [as_data(pair) for pair in pairs]}

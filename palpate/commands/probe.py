@@ -229,7 +229,7 @@ def resolve_command(
       palpate resolve --hidden random --seed 7
       palpate resolve --robot my_arm.yaml --probes 3 --seconds 120
     """
-    from palpate.workflows.resolve import DECISIONS, ProbeBudget, resolve  # noqa: PLC0415, the study takes a second
+    from palpate.workflows.resolve import DECISIONS, resolve  # noqa: PLC0415, the study takes a second
 
     robot_file = options.robot_file
     plan = probing_plan(experiment)
@@ -260,7 +260,7 @@ def resolve_command(
         output.print(safe(decision.sentence[:1].upper() + decision.sentence[1:]))
 
     try:
-        resolved = resolve(job, ProbeBudget(probes, seconds), channel, tell, watch, diagnosis_progress)
+        resolved = resolve(job, probes, seconds, channel, tell, watch, diagnosis_progress)
     except KeyboardInterrupt:
         if folder.exists():
             console.stderr().print(f"kept: {display_path(folder)}")

@@ -138,13 +138,9 @@ def _update(  # noqa: PLR0917, what was typed
         "short": sum(len(series.values) < least for series, _ in tested),
         "changes": [
             labeled(series)
-            | {
-                "unit": series.unit,
-                "kind": change.kind,
-                "first": labels[series.rows[change.first]],
-                "last": labels[series.rows[change.last]],
-                **{name: getattr(change, name) for name in ("before", "after", "std_err", "p_value")},
-            }
+            | {"unit": series.unit}
+            | vars(change)
+            | {end: labels[series.rows[getattr(change, end)]] for end in ("first", "last")}
             for series, own in tested
             for change in own
         ],

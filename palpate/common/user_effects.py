@@ -1,12 +1,10 @@
 """Load, check, test and run the user's own effects and drivers."""
 
-import ast
 import importlib.util
 import inspect
 import re
 import signal
 import sys
-import textwrap
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
@@ -156,16 +154,11 @@ def place_of(effect_type: type, attribute: str) -> str:
     """
     try:
         lines, first = inspect.getsourcelines(effect_type)
-        (made,) = ast.parse(textwrap.dedent("".join(lines))).body
-    except (OSError, TypeError, SyntaxError, ValueError):
+    except (OSError, TypeError):
         return ""
-    line = first
-    for node in made.body if isinstance(made, ast.ClassDef) else ():
-        names = [getattr(target, "id", "") for target in getattr(node, "targets", [])]
-        names += [getattr(getattr(node, "target", None), "id", ""), getattr(node, "name", "")]
-        if attribute and attribute in names:
-            line = first + node.lineno - 1
-    return f" ({Path(file_of(effect_type)).name}, line {line})"
+    defines = re.compile(rf"    (?:def )?{re.escape(attribute)}\b\s*[(:=]")
+    defined = (number for number, text in enumerate(lines, first) if attribute and defines.match(text))
+    return f" ({Path(file_of(effect_type)).name}, line {next(defined, first)})"
 
 
 def _flaws(effect_type: Any) -> Iterator[tuple[str, str]]:  # noqa: ANN401, it may state anything

@@ -2,8 +2,7 @@
 
 import asyncio
 from base64 import b64encode
-from collections.abc import Awaitable, Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Awaitable, Callable, Sequence, Set
 from functools import partial
 
 from nicegui import ui
@@ -157,35 +156,32 @@ class DiagnosisCard:
             self._more()
 
 
-@dataclass(frozen=True)
-class RiddleScore:
-    """Guesses of user and diagnosis, compared with the answer."""
+def score_riddle(truth: Set[str], guessed: Set[str], named: Set[str], alike: Set[str]) -> str:
+    """Compare the guesses of user and diagnosis with the hidden effects, in a few sentences.
 
-    truth: frozenset[str]  # hidden effects
-    guessed: frozenset[str]  # effects that the user had ticked
-    named: frozenset[str]  # effects that the diagnosis named
-    alike: frozenset[str]  # effects that the diagnosis cannot distinguish from the named ones
+    Args:
+        truth: hidden effects.
+        guessed: effects that the user had ticked.
+        named: effects that the diagnosis named.
+        alike: the named effects, and those that the diagnosis cannot distinguish from them.
+    """
 
-    def in_words(self) -> str:
-        """Describe the result in a few sentences."""
-        text = f"Hidden was {_listed(self.truth)}. "
-        text += f"You said {_listed(self.guessed)}: {self._rated(self.guessed)}. "
-        text += f"The diagnosis said {_listed(self.named)}: {self._rated(self.named)}."
-        if self.alike & self.truth and (others := self.alike - self.named):
-            text += f" It adds that these data cannot tell this from {_listed(others, ' or ')}."
-        return text
-
-    def _rated(self, names: frozenset[str]) -> str:
-        if names == self.truth:
+    def rated(names: Set[str]) -> str:
+        if names == truth:
             return "right"
-        if names & self.truth:
+        if names & truth:
             return "partly right"
-        return (
-            "counts as right: these data cannot tell them apart" if names and names <= self.alike else "wrong"
-        )
+        is_alike = bool(names) and names <= alike
+        return "counts as right: these data cannot tell them apart" if is_alike else "wrong"
+
+    text = f"Hidden was {_listed(truth)}. You said {_listed(guessed)}: {rated(guessed)}. "
+    text += f"The diagnosis said {_listed(named)}: {rated(named)}."
+    if alike & truth and (others := alike - named):
+        text += f" It adds that these data cannot tell this from {_listed(others, ' or ')}."
+    return text
 
 
-def _listed(names: frozenset[str], joint: str = " and ") -> str:
+def _listed(names: Set[str], joint: str = " and ") -> str:
     return joint.join(sorted(name.replace("_", " ") for name in names)) or "nothing"
 
 
@@ -199,7 +195,7 @@ def riddle_card(state: WorkbenchState, diagnose: Callable[[], Awaitable[None]]) 
 
     async def judge() -> None:
         """Diagnose, open the sealed answer and score both."""
-        guessed = frozenset(state.choice.effects)
+        guessed = set(state.choice.effects)
         button.disable()
         answer.set_text("the diagnosis is also running")
         await diagnose()
@@ -213,11 +209,9 @@ def riddle_card(state: WorkbenchState, diagnose: Callable[[], Awaitable[None]]) 
         except PalpateError as error:
             answer.set_text(str(error))
             return
-        named = frozenset(entry.effect for entry in diagnosis.accepted)
-        alike = frozenset(name for entry in diagnosis.accepted for name in entry.confused_with) | named
-        answer.set_text(
-            RiddleScore(frozenset(e.name for e in opened.hidden), guessed, named, alike).in_words()
-        )
+        named = {entry.effect for entry in diagnosis.accepted}
+        alike = {name for entry in diagnosis.accepted for name in entry.confused_with} | named
+        answer.set_text(score_riddle({entry.name for entry in opened.hidden}, guessed, named, alike))
 
     with ui.element("section").classes("card"):
         heading("Riddle")

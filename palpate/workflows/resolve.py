@@ -73,14 +73,6 @@ class ProbeDecision:
 
 
 @dataclass(frozen=True)
-class ProbeBudget:
-    """Maximum number of probes, including the first, and of seconds on the robot's clock."""
-
-    probes: int = 4
-    seconds: float = 300.0
-
-
-@dataclass(frozen=True)
 class ResolveResult:
     """Result of the whole sequence."""
 
@@ -107,7 +99,8 @@ class ResolveResult:
 
 def resolve(  # noqa: PLR0917
     job: ProbingJob,
-    budget: ProbeBudget,
+    probes: int,
+    seconds: float,
     channel: str | None = None,
     on_decision: Callable[[ProbeDecision], None] = lambda decision: None,
     watch: Watch = lambda plan: nullcontext(NO_WATCHER),
@@ -118,7 +111,8 @@ def resolve(  # noqa: PLR0917
 
     Args:
         job: the first probe; the folder of its session is the study's, and holds no session yet.
-        budget: maximum number and time of probes.
+        probes: maximum number of probes, including the first.
+        seconds: maximum time of all probes, on the robot's clock [s].
         channel: the channel to explain; None for all.
         on_decision: called with each decision.
         watch: observes the run of a plan.
@@ -147,7 +141,7 @@ def resolve(  # noqa: PLR0917
         with work([item.name for item in study.chosen(channel)]) as progress:
             diagnosis = study.diagnose(channel, plan=False, progress=progress)
             judged = diagnosis.channels
-            is_last, left_s = number + 1 >= budget.probes, budget.seconds - used_s
+            is_last, left_s = number + 1 >= probes, seconds - used_s
             end, following = _decide(study, judged, left_s, progress, design, is_last=is_last)
             if end is StopReason.SEPARATED and any(
                 item.verdict is Verdict.ADEQUATE and item.channel in shown for item in judged

@@ -26,7 +26,7 @@ from palpate.runs.hidden_effects import open_answer
 from palpate.runs.probing import PLAN, ProbingJob, run_probing
 from palpate.runs.robots import find_robot
 from palpate.study import Study
-from palpate.workflows.resolve import DECISIONS, ProbeBudget, StopReason, resolve
+from palpate.workflows.resolve import DECISIONS, StopReason, resolve
 from tests.palpate.cli import assert_refused, done, run
 
 pytestmark = pytest.mark.slow
@@ -43,7 +43,7 @@ def resolved(tmp_path_factory):
     job = ProbingJob(
         find_robot("follower"), folder / "probe.mcap", QUICK, seed=SEED, hidden="deadband", online=None
     )
-    return resolve(job, ProbeBudget(3, 120.0), "joint_1", told.append), told
+    return resolve(job, 3, 120.0, "joint_1", told.append), told
 
 
 def test_second_probe_decides_between_rivals(resolved):
@@ -198,7 +198,7 @@ def test_separation_is_withdrawn_with_further_data(tmp_path, diagnosed, monkeypa
     proposal = NextExperiment(purpose="p", separates=[], instruction="i", probe={})
     again = NextProbe(QUICK, proposal, "why", ("joint_1",))
     job = ProbingJob(find_robot("follower"), tmp_path / "r" / "p.mcap", QUICK, seed=SEED, online=None)
-    done = resolve(job, ProbeBudget(2, 120.0), "joint_1", design=lambda *_: again)
+    done = resolve(job, 2, 120.0, "joint_1", design=lambda *_: again)
     assert [one.end for one in done.decisions] == [None, StopReason.UNSEEN]
 
 
@@ -210,7 +210,7 @@ def test_only_named_effects_are_called_inseparable(tmp_path, diagnosed, named, m
     monkeypatch.setattr(Study, "diagnose", lambda *_, **__: said)
     monkeypatch.setattr("palpate.workflows.resolve.keep_simplest_rivals", lambda study, channel, item: item)
     job = ProbingJob(find_robot("follower"), tmp_path / "r" / "p.mcap", QUICK, seed=SEED, online=None)
-    (decision,) = resolve(job, ProbeBudget(2, 120.0), "joint_1", design=lambda *_: None).decisions
+    (decision,) = resolve(job, 2, 120.0, "joint_1", design=lambda *_: None).decisions
     assert decision.end in (
         {StopReason.INSEPARABLE, StopReason.SIMPLEST} if named else {StopReason.UNEXPLAINED}
     )

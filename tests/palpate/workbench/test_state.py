@@ -25,7 +25,7 @@ from palpate.robot_io.session import Session
 from palpate.study import Study
 from palpate.workbench import elements
 from palpate.workbench import page as page_module
-from palpate.workbench.diagnosis import RiddleScore
+from palpate.workbench.diagnosis import score_riddle
 from palpate.workbench.file_drop import options_of, suggest_columns, units_of
 from palpate.workbench.live import run_command
 from palpate.workbench.plots import MOST_POINTS, DrawnMotion, picked, time_figure
@@ -447,12 +447,11 @@ def test_model_effects_and_held_out_runs_survive_a_data_change(press, tmp_path):
      ({"delay", "drift"}, "partly right"), (set(), "You said nothing: wrong")],
 )  # fmt: skip
 def test_riddle_is_scored_against_the_diagnosis(guessed, said):
-    lag = frozenset({"lag"})
-    score = RiddleScore(frozenset({"delay"}), frozenset(guessed), lag, lag | {"delay"})
-    assert said in score.in_words()
-    assert "cannot tell this from delay." in score.in_words()
-    alone = RiddleScore(lag, lag, lag, lag)  # an effect is not its own alternative
-    assert alone.in_words().endswith("The diagnosis said lag: right.")
+    told = score_riddle({"delay"}, guessed, {"lag"}, {"lag", "delay"})
+    assert said in told
+    assert "cannot tell this from delay." in told
+    alone = score_riddle(*[{"lag"}] * 4)  # an effect is not its own alternative
+    assert alone.endswith("The diagnosis said lag: right.")
 
 
 @pytest.mark.parametrize(
