@@ -200,7 +200,7 @@ def _columns_of(arrays: Mapping[str, Any]) -> Columns:
         elif value.dtype.names:
             for i, item in enumerate(value.ravel()):
                 columns |= _columns_of({f"{name}.{i}.{key}": item[key] for key in value.dtype.names})
-        elif value.dtype == object:
+        elif value.dtype == object and value.ndim:  # else it is None, which stands for an empty structure
             for i, item in enumerate(value.ravel()):
                 columns |= _columns_of({f"{name}.{i}": item})
         elif value.dtype.kind in "fiu" and value.ndim in (2, 3) and value.size > 1:
@@ -382,13 +382,15 @@ def _ros_types(kind: str, definition: str) -> dict[str, list[tuple[str, str]]]:
 def _ros_numbers(
     of: str, types: Mapping[str, list[tuple[str, str]]], data: bytes, at: int, name: str
 ) -> tuple[dict[str, float], int]:
-    """Numbers of a field of a message by their names, and where it ends; arrays and texts are left out."""
+    """Numbers of a field of a message by their names, and where it ends; texts are left out."""
     array = re.fullmatch(r"(.+)\[(\d*)\]", of)
     if array:
         count, at = (int(array[2]), at) if array[2] else (struct.unpack_from("<I", data, at)[0], at + 4)
-        for _ in range(count):
-            _, at = _ros_numbers(array[1], types, data, at, name)
-        return {}, at
+        items: dict[str, float] = {}
+        for i in range(count):
+            found, at = _ros_numbers(array[1], types, data, at, f"{name}.{i}")
+            items |= found
+        return items, at
     if of == "string":
         return {}, at + 4 + int(struct.unpack_from("<I", data, at)[0])
     if code := _ROS_NUMBERS.get(of):
@@ -403,7 +405,7 @@ def _ros_numbers(
 
 
 def read_bag(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
-    """Read the numbers of one topic of a ROS 1 bag by their names in the message, as `wrench.force.x`.
+    """Read the numbers of one topic of a ROS 1 bag by their names, as `wrench.force.x` or `position.0`.
 
     Its chunks are packed by bz2 or not at all. Options: `topic`.
 
@@ -428,7 +430,8 @@ def read_bag(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
         raise FileNotFoundError(
             f"topic {options['topic']}: the bag has no message of it; its topics: {', '.join(sorted(topics))}"
         )
-    return [{name: np.array([row[name] for row in rows]) for name in rows[0]}]
+    names = [name for name in rows[0] if all(name in row for row in rows)]  # arrays may differ in length
+    return [{name: np.array([row[name] for row in rows]) for name in names}]
 
 
 def read_binary(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
@@ -570,9 +573,19 @@ def read_nid(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     return [dict(curve) for curve in curves]
 
 
+def read_ibw(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
+    """Read a wave of Igor (version 5, numbers of one dimension): its values `0` and their `time`."""
+    del options
+    kind = {2: "<f4", 4: "<f8"}[struct.unpack_from("<h", content, 80)[0]]
+    values = np.frombuffer(content, kind, struct.unpack_from("<I", content, 76)[0], 384)
+    (step,) = struct.unpack_from("<d", content, 148)
+    return [{"0": values.astype(np.float64), "time": np.arange(len(values)) * step}]
+
+
 READERS: dict[str, Reader] = {
     "bag": read_bag,
     "binary": read_binary,
+    "ibw": read_ibw,
     "json": read_json,
     "text": read_text,
     "trials": read_trials,
@@ -591,7 +604,8 @@ def _column(tables: Columns, spec: Mapping[str, Any], item: str, count: int) -> 
     """One output column of `count` rows: factors times columns, or row numbers times `step`.
 
     `zero` is the number of first samples whose mean is subtracted, or `mean` for that of all. `item` stands
-    for {} in the names of columns. `unwrap` is the period of an encoder that starts anew.
+    for {} in the names of columns. `unwrap` is the period of an encoder that starts anew. `sines` adds the
+    links of a chain: the length of each times the sine of a phase and of factors times columns.
     `signed_by` names the column whose sign the values take, where only their size was measured. Values of
     at least `sign_bit` (in the output's unit) are negative: some servos report the size with this bit set.
     """
@@ -599,6 +613,9 @@ def _column(tables: Columns, spec: Mapping[str, Any], item: str, count: int) -> 
     for name, factor in spec.get("sum", {}).items():
         values = values + float(factor) * tables[str(name).replace("{}", item)]
     values = values + float(spec.get("offset", 0.0))
+    for length, phase, angles in spec.get("sines", []):
+        angle = sum(float(factor) * tables[str(name)] for name, factor in angles.items())
+        values = values + float(length) * np.sin(float(phase) + angle)
     if "sign_bit" in spec:
         values = np.where(values < spec["sign_bit"], values, spec["sign_bit"] - values)
     if "unwrap" in spec:

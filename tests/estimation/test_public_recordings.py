@@ -138,9 +138,20 @@ def test_files_with_clocks_of_their_own_are_joined_at_the_times_of_the_first(tmp
     read = {"format": "bag", "topic": "/wrench", "files": ["a.bag", "a.txt"], "join": ["ft", "stage"]}
     read |= {"apart": {"stage": {"format": "text", "delimiter": ";"}}}
     read |= {"clocks": {"ft": ["stamp", 0], "stage": ["0", 10.0]}}
-    columns = {"time_s": "ft.stamp", "x_m": "stage.1", "force_N": "ft.wrench.force"}
+    columns = {"time_s": "ft.stamp", "x_m": "stage.1", "force_N": "ft.wrench.force", "count": "ft.counts.1"}
     table = converted(tmp_path, columns, **read)
-    assert table == {"time_s": [11, 12], "x_m": [2, 4], "force_N": [110, 120], "run": [0, 0]}
+    assert table == {"time_s": [11, 12], "x_m": [2, 4], "force_N": [110, 120], "count": [8, 8], "run": [0, 0]}
+
+
+def test_links_of_a_chain_add_their_sines_to_an_igor_wave(tmp_path):
+    wave = bytearray(384)
+    struct.pack_into("<Ih", wave, 76, 3, 2)
+    struct.pack_into("<d", wave, 148, 0.5)
+    (tmp_path / "wave.ibw").write_bytes(bytes(wave) + np.array([0.0, 1.0, 2.0], "<f4").tobytes())
+    columns = {"time_s": "time", "x_m": {"offset": 3.0, "sines": [[2.0, np.pi / 2, {"0": np.pi}]]}}
+    table = converted(tmp_path, columns, format="ibw", files=["wave.ibw"])
+    np.testing.assert_allclose(table["time_s"], [0.0, 0.5, 1.0])
+    np.testing.assert_allclose(table["x_m"], [5.0, 1.0, 5.0], atol=1e-6)
 
 
 def test_conversion_reads_the_commit_and_not_the_work_tree(tmp_path):
