@@ -35,25 +35,17 @@ from palpate.robot_io.session import Samples
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 
-def gravity_direction(tilt_rad: FloatArray) -> FloatArray:
-    """Compute the gravity vector in the base's axes, shape (3,) [m/s^2].
-
-    Args:
-        tilt_rad: pitch and roll, shape (2,) [rad].
-    """
+def _gravity_direction(tilt_rad: FloatArray) -> FloatArray:
+    """Compute gravity in the base's axes, shape (3,) [m/s^2], from pitch and roll [rad]."""
     return np.array(gravity_base_m_s2(float(tilt_rad[0]), float(tilt_rad[1])))
 
 
-def gravity_direction_derivatives(tilt_rad: FloatArray) -> FloatArray:
-    """Compute the derivatives of `gravity_direction` by pitch and by roll, shape (3, 2) [m/s^2 per rad].
-
-    Args:
-        tilt_rad: pitch and roll, shape (2,) [rad].
-    """
+def _gravity_slopes(tilt_rad: FloatArray) -> FloatArray:
+    """Compute the derivatives of `_gravity_direction` by both angles, shape (3, 2) [m/s^2 per rad]."""
     step = 1e-6
     return np.column_stack(
         [
-            (gravity_direction(tilt_rad + step * turn) - gravity_direction(tilt_rad - step * turn))
+            (_gravity_direction(tilt_rad + step * turn) - _gravity_direction(tilt_rad - step * turn))
             / (2 * step)
             for turn in np.eye(2)
         ]
@@ -71,8 +63,8 @@ def design_matrix(body: RigidBody, q: FloatArray, v: FloatArray, a: FloatArray) 
     """
     inertial, gravity = body.inertial_and_gravity_torques(q, v, a)
     level = np.zeros(2)
-    torque = inertial + gravity @ gravity_direction(level)
-    slopes = gravity @ gravity_direction_derivatives(level)
+    torque = inertial + gravity @ _gravity_direction(level)
+    slopes = gravity @ _gravity_slopes(level)
     count, joints = q.shape
     columns = np.zeros((joints, count, 4 * joints + 2))
     for joint in range(joints):
@@ -163,7 +155,7 @@ def fit_arm(motion: ArmMotion, body: RigidBody) -> ArmFit:
     moving = _means(is_moving.astype(np.float64)) == 1.0
     inertial, gravity = _means(inertial), _means(gravity)
     motion = ArmMotion(*(_means(getattr(motion, field.name)) for field in fields(motion)))
-    torque_nm = inertial + gravity @ gravity_direction(np.zeros(2))
+    torque_nm = inertial + gravity @ _gravity_direction(np.zeros(2))
     for joint, (count, spread) in enumerate(
         zip(moving.sum(axis=0), np.ptp(torque_nm, axis=0), strict=True), 1
     ):
@@ -176,7 +168,7 @@ def fit_arm(motion: ArmMotion, body: RigidBody) -> ArmFit:
             raise InputError(
                 f"joint {joint} carries the same load everywhere: its torque gain cannot be identified"
             )
-    tilt_norms = np.linalg.norm((gravity @ gravity_direction_derivatives(np.zeros(2))).reshape(-1, 2), axis=0)
+    tilt_norms = np.linalg.norm((gravity @ _gravity_slopes(np.zeros(2))).reshape(-1, 2), axis=0)
     axes = np.asarray(tilt_norms > _MIN_TILT_EFFECT * max(float(tilt_norms.max()), _MIN_TORQUE_NM))
     solver = _Solver(motion, inertial, gravity, moving, axes)
     return _arm_fit(solver, *solver.solve())
@@ -212,10 +204,10 @@ class _Solver:
         """Return columns (k, p), residuals, weights and joint numbers (k,) of all samples in use."""
         tilt = np.zeros(2)  # 0 where not identifiable
         tilt[self.axes] = values[self.delay + 1 :]
-        rigid_nm = self._inertial + self._gravity @ gravity_direction(tilt)
+        rigid_nm = self._inertial + self._gravity @ _gravity_direction(tilt)
         rate = np.gradient(rigid_nm, self.motion.time_s, axis=0)
         rigid_nm = rigid_nm - values[self.delay] * rate
-        slopes = self._gravity @ gravity_direction_derivatives(tilt)[:, self.axes]
+        slopes = self._gravity @ _gravity_slopes(tilt)[:, self.axes]
         blocks, residuals, weights, joints = [], [], [], []
         for j in range(self.joints):
             rows, (s, c, b, o) = self.moving[:, j], values[4 * j : 4 * j + 4]

@@ -17,6 +17,7 @@ uncertainty. VIM 2.39, 4.16, 4.21; VDI/VDE 2638; JCGM 100:2008, 4.3 and F.2.
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -70,24 +71,25 @@ def find_plateaus(reading: FloatArray, reference_n: FloatArray, settled: BoolArr
         pieces = [piece[int(_SETTLING_SHARE * len(piece)) :] for piece in pieces]
     else:
         pieces = [piece[settled[rows]] for piece, rows in zip(pieces, blocks(steps), strict=True)]
-    references = [float(reference_n[rows][0]) for rows in blocks(steps)]
-    long_enough = [number for number, piece in enumerate(pieces) if len(piece) >= _MIN_SAMPLES]
-    if not long_enough:
+    plateaus = plateaus_of([float(reference_n[rows][0]) for rows in blocks(steps)], pieces)
+    if not len(plateaus):
         raise InputError(
             f"no plateau has {_MIN_SAMPLES} settled samples: keep the reference constant for a while"
         )
-    return plateaus_of([references[i] for i in long_enough], [pieces[i] for i in long_enough])
+    return plateaus
 
 
 def plateaus_of(references_n: Sequence[float], pieces: Sequence[FloatArray]) -> Plateaus:
-    """Average the settled readings under each force, without outliers.
+    """Average the settled readings under each force, without outliers; leave out too short pieces.
 
     Args:
         references_n: known forces, in the order of time [N].
         pieces: readings under each of them.
     """
+    long_enough = [len(piece) >= _MIN_SAMPLES for piece in pieces]
+    pieces = list(compress(pieces, long_enough))
     kept = [piece[~_is_glitch(piece)] for piece in pieces]
-    reference = np.array(references_n, dtype=np.float64)
+    reference = np.array(list(compress(references_n, long_enough)), dtype=np.float64)
     return Plateaus(
         reference,
         np.array([piece.mean() for piece in kept]),
@@ -184,9 +186,7 @@ def read_weighing(session: Session) -> Plateaus:
     ticks = session.samples("tick")
     fresh = ticks.select(ticks["force_status"] == Status.OK)
     pieces = [fresh["force_n"][fresh["run"] == run] for run in forces_n]
-    usable = [number for number, piece in enumerate(pieces) if len(piece) >= 3]
-    levels = np.array(list(forces_n.values()))[usable]
-    return plateaus_of(levels.tolist(), [pieces[number] for number in usable])
+    return plateaus_of(list(forces_n.values()), pieces)
 
 
 _SIGNIFICANT = 0.01

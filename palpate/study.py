@@ -299,18 +299,14 @@ class Study(ModelStudy):
                 + ", ".join(item.name for item in self.channels)
             )
         chosen = self._newest_revisions(list(joints.values()), refuse_others=not numbers)
-        given: dict[str, Revision] = {}
-        for revision in map(self.revision, numbers):
+        given = [self.revision(number) for number in numbers]
+        for revision in given:
             if revision.channel not in joints:
                 raise InputError(
                     f"revision {revision.number} belongs to {revision.channel}, which is not a joint"
                 )
-            if revision.channel in given:
-                raise InputError(
-                    f"several revisions of channel {revision.channel}: choose one with --revision"
-                )
-            given[revision.channel] = revision
-        chosen |= given
+        _refuse_several([revision.channel for revision in given])
+        chosen |= {revision.channel: revision for revision in given}
         from palpate.export.feedforward import FittedJoint  # noqa: PLC0415, only for exports
 
         fitted, failures = list[FittedJoint](), list[str]()
@@ -369,9 +365,7 @@ class Study(ModelStudy):
             self._save_stages(base, [], None)
             chosen = [kept for kept in [self.latest(base)] if kept is not None] + chosen
         names = {contact.name for contact in contacts}
-        places = ["contact" if item.channel in names else item.channel for item in chosen]
-        if twice := {place for place in places if places.count(place) > 1}:
-            raise InputError(f"several revisions of channel {twice.pop()}: choose one with --revision")
+        _refuse_several(["contact" if item.channel in names else item.channel for item in chosen])
         if not chosen:
             raise InputError(
                 f"{self._file}: no revision to write; add something first (palpate diagnose --apply)"
@@ -420,6 +414,11 @@ class Study(ModelStudy):
         from palpate.planning.next_probe import next_probe  # noqa: PLC0415, with the simulator
 
         return next_probe(self, diagnosed, longest_s, progress, processes=os.cpu_count() or 1)
+
+
+def _refuse_several(channels: Sequence[str]) -> None:
+    if twice := [name for name in channels if channels.count(name) > 1]:
+        raise InputError(f"several revisions of channel {twice[0]}: choose one with --revision")
 
 
 def _numbers(revisions: int | Sequence[int]) -> Sequence[int]:

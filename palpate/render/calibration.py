@@ -76,23 +76,16 @@ def force_figure(fit: ForceFit, reading_unit: str) -> go.Figure:
     for direction, label, symbol in _BRANCHES:
         rows = plateaus.direction == direction
         if rows.any():
-            look = {
-                "name": label,
-                "legendgroup": label,
-                "marker": {"symbol": symbol, "size": 9, "color": palette.MEASURED},
-            }
+            marker = {"symbol": symbol, "size": 9, "color": palette.MEASURED}
+            look = {"name": label, "legendgroup": label, "marker": marker}
             reference = plateaus.reference_n[rows]
             _dots(made, plateaus.reading[rows], reference, (1, 1), showlegend=False, **look)
             _dots(made, reference, _TO_MILLI * fit.residual_n[rows], (1, 2), **look)
     reading = np.linspace(plateaus.reading.min(), plateaus.reading.max(), 200)
     above, curvature = reading - fit.zero.value, fit.curvature.value if fit.curvature else 0.0
     force = above * (fit.scale.value + curvature * above)
-    line: dict[str, Any] = {
-        "mode": "lines",
-        "line": {"color": palette.MODEL, "width": 1.4},
-        "showlegend": False,
-    }
-    made.add_trace(go.Scatter(x=reading, y=force, **line), 1, 1)
+    line = {"color": palette.MODEL, "width": 1.4}
+    made.add_trace(go.Scatter(x=reading, y=force, mode="lines", line=line, showlegend=False), 1, 1)
     range_n = np.linspace(*fit.range_n, 200)
     scale = fit.scale.std_err / fit.scale.value
     band = 2 * _TO_MILLI * np.hypot(fit.zero.std_err * fit.scale.value, scale * range_n)

@@ -52,7 +52,7 @@ class EffectExample:
         if effect.name in {effect.name for effect in model.effects}:
             without = model.without(effect.name).predict(data, values)
             return cls(effect, replace(data, effort=without), model, values)
-        made = cls(effect, data, model.with_effect(effect), visible_parameters(data, model, values, effect))
+        made = cls(effect, data, model.with_effect(effect), _visible_parameters(data, model, values, effect))
         return made if np.any(made.effort() != data.effort) else None
 
     @classmethod
@@ -66,7 +66,7 @@ class EffectExample:
         runs = fitted.data.runs
         moved = fitted.data.of_runs(runs[even_places(len(runs), _RUNS)])
         data = replace(moved, effort=fitted.model.predict(moved, fitted.values))
-        values = visible_parameters(data, fitted.model, dict(fitted.values), effect)
+        values = _visible_parameters(data, fitted.model, dict(fitted.values), effect)
         return cls(effect, data, fitted.model.with_effect(effect), values)
 
     def effort(self) -> FloatArray:
@@ -92,20 +92,10 @@ def simple_motion(kind: ChannelKind) -> tuple[ChannelData, Model, dict[str, floa
     return replace(data, effort=model.predict(data, values)), model, values
 
 
-def visible_parameters(
+def _visible_parameters(
     data: ChannelData, model: Model, base: Mapping[str, float], effect: Effect
 ) -> dict[str, float]:
-    """Add an effect to a model's parameters, large enough to be seen against the data's effort.
-
-    Args:
-        data: the motion and its effort without the effect.
-        model: model without the effect.
-        base: parameters of that model by "effect.parameter".
-        effect: effect that is added.
-
-    Returns:
-        All parameters by "effect.parameter".
-    """
+    """Add an effect to a model's parameters, large enough to be seen against the data's effort."""
     starts = effect.starts(data)
     tried = [starts[len(starts) // 2]] if effect.gains else starts[:: -(-len(starts) // _TRIED)]
     start_values = [

@@ -70,7 +70,7 @@ class Page:
         with ui.element("div").classes("desk"):
             with ui.element("div").classes("left"):
                 if refused:
-                    data_checks(self.state)
+                    _data_checks(self.state)
                 self._diagnosis = DiagnosisCard(self.state, self.add, self.on_diagnosed)
                 if self._home.riddle:
                     riddle_card(self.state, self._diagnosis.start)
@@ -86,7 +86,7 @@ class Page:
                 if not refused:
                     self._error.build()
                     self._parameters.build()
-                    data_checks(self.state)
+                    _data_checks(self.state)
                 with ui.element("section").classes("card same"):
                     heading("Equivalent commands", elements.SAME)
                     self._command = ui.label().classes("code").mark("command")
@@ -348,12 +348,8 @@ def _button(text: str, icon: str, work: Callable[[], object], about: str, look: 
     return set_props(made, aria_label=text, title=f"{text}: {about}", **{look: True})
 
 
-def data_checks(state: WorkbenchState) -> None:
-    """Make the checklist of the data checks.
-
-    Args:
-        state: state of the page.
-    """
+def _data_checks(state: WorkbenchState) -> None:
+    """Make the checklist of the data checks."""
     from palpate.estimation.data_quality import checklist  # noqa: PLC0415
 
     reasons = checklist(state.channel.to_fit, state.channel.model)

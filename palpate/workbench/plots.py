@@ -114,7 +114,7 @@ def time_figure(
     """
     unknown = np.full(len(motion.data), np.nan)
     base = base or (unknown, unknown)
-    update, _ = time_update(motion, base, now or base, span_s)
+    update, _ = _time_update(motion, base, now or base, span_s)
     unit, below = motion.axes.effort_unit, {"yaxis": "y2", "showlegend": False}
     looks: list[tuple[str, str, float, dict[str, object]]] = [
         ("measured", palette.MEASURED, 1.6, {}),
@@ -142,17 +142,10 @@ def time_figure(
     return {"data": traces, "layout": layout}
 
 
-def time_update(
+def _time_update(
     motion: DrawnMotion, base: Prediction, now: Prediction, span_s: tuple[float, float] | None
 ) -> Restyle:
-    """Return all curves over time again, with full detail in the visible span.
-
-    Args:
-        motion: motion to draw, n samples.
-        base: effort and residual of the base model, (n,) each.
-        now: effort and residual of the selected model.
-        span_s: first and last time to draw [s]; None for all.
-    """
+    """Return all curves over time again, with full detail in the visible span [s]."""
     rows = motion.rows(motion.data.effort, MOST_POINTS, span_s)
     ys = [motion.data.effort, base[0], now[0], base[1], now[1]]
     update = {"x": [picked(motion.time_s, rows)] * len(ys), "y": [picked(y, rows) for y in ys]}
@@ -268,12 +261,8 @@ def map_figure(motion: DrawnMotion, before: FloatArray, now: FloatArray) -> Figu
     return {"data": traces, "layout": layout, "narrow": _stacked(480)}
 
 
-def cursor_shapes(times_s: Mapping[str, float]) -> dict[str, Any]:
-    """Return the cursors A and B as lines with their letters.
-
-    Args:
-        times_s: time of each cursor, by its letter [s].
-    """
+def _cursor_shapes(times_s: Mapping[str, float]) -> dict[str, Any]:
+    """Return the cursors A and B, by letter with their times [s], as lines with their letters."""
     colors = {"A": "#1d2733", "B": palette.TRUTH}
     lines = [
         {"type": "line", "xref": "x", "yref": "paper", "x0": t, "x1": t, "y0": 0, "y1": 1,
@@ -319,7 +308,7 @@ class PlotPanel:
             span = event.args
             self._span_s = (float(span[0]), float(span[1])) if span else None
             if (base := self._base()) is not None and self._drawn is not None:
-                self._time.restyle(time_update(self._motion, base, self._drawn, self._span_s))
+                self._time.restyle(_time_update(self._motion, base, self._drawn, self._span_s))
 
         def move_cursor(name: str, event: events.ValueChangeEventArguments[Any]) -> None:
             """Set a cursor at a time [s], limited to the curves' range; None removes it."""
@@ -328,7 +317,7 @@ class PlotPanel:
             self._cursors.pop(name, None)
             if event.value is not None:
                 self._cursors[name] = float(np.clip(event.value, *self._motion.time_s[[0, -1]]))
-            self._time.relayout(cursor_shapes(self._cursors))
+            self._time.relayout(_cursor_shapes(self._cursors))
             self._read_cursors()
 
         def place_cursor(event: events.GenericEventArguments) -> None:
@@ -401,7 +390,7 @@ class PlotPanel:
 
     def _redraw(self) -> None:
         figure = time_figure(self._motion, self._base(), self._drawn, self._span_s)
-        figure["layout"] |= cursor_shapes(self._cursors)
+        figure["layout"] |= _cursor_shapes(self._cursors)
         self._time.replace(figure)
         self._state_plot.replace(state_figure(self._motion, self._drawn and self._drawn[0]))
 

@@ -51,7 +51,7 @@ def estimate(parameters: Mapping[str, Any], seed: int) -> list[Row]:
         PalpateError: the object could not be probed.
     """
     ticks, scenario = probe(parameters, seed)
-    channel = contact_channel(ticks)
+    channel = _contact_channel(ticks)
     model = MODELS[parameters["model"]]().build(ModelContext(surface_found=True))
     truth = truth_of(scenario)
     # By speed: the largest force during loading, and the time during which it exceeded the limit.
@@ -153,7 +153,7 @@ def ticks(parameters: Mapping[str, Any], seed: int) -> list[Row]:
         seed: seed of all random numbers.
     """
     samples, _ = probe(parameters, seed)
-    contact = contact_channel(samples)
+    contact = _contact_channel(samples)
     names = ("time_s", "run", "phase", "force_n", "desired_force_n")
     columns: dict[str, Any] = {name: samples[name] for name in names}
     depth = np.full(len(samples), np.nan)
@@ -217,12 +217,8 @@ def world(parameters: Mapping[str, Any], seed: int) -> Scenario:
     return validate(Scenario, data | {"seed": seed, "hidden": hidden})
 
 
-def contact_channel(samples: Samples) -> ChannelData:
-    """Return the contact with its force in free air subtracted; raise `InputError` if nothing was touched.
-
-    Args:
-        samples: ticks of a probing run.
-    """
+def _contact_channel(samples: Samples) -> ChannelData:
+    """Return the contact with its force in free air subtracted; raise `InputError` if nothing was touched."""
     channels = contact_channels(samples, tared=True)
     if not channels:
         raise InputError("nothing was touched, or only for too short a time")
@@ -277,7 +273,7 @@ def ransac_errors(parameters: Mapping[str, Any], seed: int) -> list[Row]:
         seed: seed of all random numbers.
     """
     ticks, scenario = probe(parameters, seed)
-    truth, channel = truth_of(scenario), contact_channel(ticks)
+    truth, channel = truth_of(scenario), _contact_channel(ticks)
     rows = fitting_rows(channel)
     surface_m = channel.surface.position_m - truth[SURFACE] if channel.surface else 0.0
     columns = np.column_stack([channel.position[rows] + surface_m, channel.velocity[rows]])

@@ -162,7 +162,7 @@ def test_run_without_contact_is_an_error():
 def test_run_with_too_short_a_contact_is_an_error(monkeypatch):
     monkeypatch.setattr(probing, "contact_channels", lambda samples, *, tared: [])
     with pytest.raises(InputError, match="nothing was touched, or only for too short a time"):
-        probing.contact_channel(None)
+        probing._contact_channel(None)
 
 
 def test_dashpot_alone_exceeds_the_limit_and_another_engine_gives_the_same_object():

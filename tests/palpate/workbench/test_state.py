@@ -19,7 +19,7 @@ from palpate.estimation.data_quality import checklist
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit import long_data
 from palpate.estimation.study.source import joined, open_source
-from palpate.render.effects import EffectExample, simple_motion, visible_parameters
+from palpate.render.effects import EffectExample, _visible_parameters, simple_motion
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import Session
 from palpate.study import Study
@@ -387,7 +387,7 @@ def test_every_applicable_effect_is_visible_in_its_picture(kind):
     names = {one.name for one in model.effects}
     for effect in (one() for name, one in EFFECTS.items() if name not in names):
         if effect.applies_to(data) and effect.gains and not effect.name.startswith("run_"):
-            drawn = model.with_effect(effect).predict(data, visible_parameters(data, model, base, effect))
+            drawn = model.with_effect(effect).predict(data, _visible_parameters(data, model, base, effect))
             assert np.ptp(drawn - data.effort) > 0.0, effect.name
 
 
