@@ -68,14 +68,8 @@ def test_table_shows_truth_error_and_interval_of_chosen_estimators(probed):
     assert [estimate["estimator"] for estimate in channel["estimates"]] == ["lsq", "robust"]
 
 
-def contact_csv(path, force_scale=1.0, names=("time_s", "displacement_m", "force_N", "run")):
-    """Presses on a spring of 400 N/m beside a damper of 6 N s/m."""
-    t, depth, force, number = press_columns(write_presses(path, cubic=0.0)).values()
-    return write_table(path, **dict(zip(names, (t, depth, force_scale * force, number), strict=True)))
-
-
 def test_data_file_is_estimated_and_only_a_poor_fit_is_reported(tmp_path):
-    data = estimate_json(contact_csv(tmp_path / "mine.csv"), "--estimator", "lsq")
+    data = estimate_json(write_presses(tmp_path / "mine.csv", cubic=0.0), "--estimator", "lsq")
     assert data["channels"][0]["misfit"]["times"] < 1.5
     parameters = data["channels"][0]["estimates"][0]["parameters"]
     assert parameters["stiffness.k"]["value"] == pytest.approx(400, rel=0.01)
@@ -115,7 +109,8 @@ def test_implausible_data_are_reported_and_estimated(tmp_path):
 
 
 def test_columns_and_units_are_given_as_options(tmp_path):
-    file = contact_csv(tmp_path / "mine.csv", force_scale=1000.0, names=("clock", "depth", "load", "run"))
+    t, depth, force, number = press_columns(write_presses(tmp_path / "mine.csv", cubic=0.0)).values()
+    file = write_table(tmp_path / "mine.csv", clock=t, depth=depth, load=1000.0 * force, run=number)
     options = []
     for pair in ("time_s=clock", "displacement_m=depth", "force_mN=load"):
         options += ["--column", pair]
@@ -284,7 +279,7 @@ def test_invalid_session_file_is_no_data_file(tmp_path):
 
 
 def test_model_for_another_channel_is_refused_in_words(probed, tmp_path):
-    refused = run("estimate", contact_csv(tmp_path / "mine.csv"), "--model", "inertia")
+    refused = run("estimate", write_presses(tmp_path / "mine.csv", cubic=0.0), "--model", "inertia")
     words = ("describes a prismatic joint or revolute joint", "contact (contact)", "--model: hunt_crossley")
     assert_refused(refused, *words)
 

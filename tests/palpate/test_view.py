@@ -109,27 +109,22 @@ def test_accepted_effect_is_named_for_complete_and_incomplete_models(complete, a
 
 
 @pytest.mark.parametrize(
-    ("errors", "words"),
+    ("errors", "is_bound", "words"),
     [
-        ((0.0871, 0.01035, 0.01035), "last step, second, does next to nothing: from 0.01035 to 0.01035 N."),
-        ((0.0871, 0.01035, 0.02), "last step, second, makes it worse: from 0.01035 to 0.02 N."),
-        ((0.0871, 0.05, 0.01), "down to the noise."),
-        ((0.0871, 0.03), "3.0 times the noise."),
-        ((0.0871, 0.0870), "does not fall: from 0.0871 to 0.087 N."),
+        ((0.0871, 0.01035, 0.01035), False, "second, does next to nothing: from 0.01035 to 0.01035 N."),
+        ((0.0871, 0.01035, 0.02), False, "last step, second, makes it worse: from 0.01035 to 0.02 N."),
+        ((0.0871, 0.05, 0.01), False, "down to the noise."),
+        ((0.0871, 0.03), False, "3.0 times the noise."),
+        ((0.0871, 0.0870), False, "does not fall: from 0.0871 to 0.087 N."),
+        ((0.3, 0.01), True, "to what may be noise."),
+        ((0.3, 0.02), True, "to at least 2.0 times the noise."),
     ],
 )
-def test_last_step_is_credited_only_with_its_own_decrease(errors, words):
+def test_last_step_is_credited_only_with_its_own_decrease(errors, is_bound, words):
     added = ["first", "second"][: len(errors) - 1]
-    told = describe_error_decrease("contact", errors, added, 0.01, "N", is_bound=False)
+    told = describe_error_decrease("contact", errors, added, 0.01, "N", is_bound=is_bound)
     assert told.endswith(words)
     assert told.startswith(f"contact with {' and '.join(added)}: the error in held-out runs")
-
-
-def test_an_error_down_to_a_bound_of_the_noise_is_not_called_noise():
-    told = describe_error_decrease("contact", (0.3, 0.01), ["first"], 0.01, "N", is_bound=True)
-    assert told.endswith("to what may be noise.")
-    told = describe_error_decrease("contact", (0.3, 0.02), ["first"], 0.01, "N", is_bound=True)
-    assert told.endswith("to at least 2.0 times the noise.")
 
 
 @pytest.mark.parametrize("n", [10, 5000, 60_001])

@@ -67,7 +67,7 @@ def test_killed_client_ends_its_workers_and_a_new_client_continues(tmp_path):
     first.kill()
     first.communicate()
     workers = {process for _, process in starts(tmp_path)}
-    wait_for(lambda: not any(is_running(process) for process in workers), "workers outlive their client")
+    wait_for(lambda: not any(map(psutil.pid_exists, workers)), "workers outlive their client")
     finished = ResultStore(tmp_path / "results").finished()
     out, _ = client(tmp_path).communicate(timeout=PATIENCE_S)
     assert int(out) == 12 - len(finished)
@@ -131,11 +131,3 @@ def dask_on():
     for process in processes:
         process.kill()
         process.communicate()
-
-
-def is_running(process):
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    return True
