@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
+from palpate.estimation.channel import ChannelData
 from palpate.estimation.data.derivatives import grid_step
 from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.effect import Effect
@@ -32,6 +33,7 @@ _LEVEL_TO_STOP = 1e-3  # probability that one more sample exceeds the data, if s
 _FAR = 3.0  # ratio to the largest sample above which optimized inner parameters cannot change the result
 _STEP_GAIN = 1e-3  # least share of the error that an optimizer step must remove, far below `SMALL`
 _STARTS = 6  # additional start values of an effect's inner parameters on each sample
+_MOST = 0.5  # share of the squared error
 _MIN_NOISE = 0.05  # least share of the residual variance that is noise of the effort itself
 
 
@@ -106,8 +108,34 @@ def encoder_step_error(fit: FitResult, measurement: MeasurementModel) -> float:
         return 0.0
     data, zero = fit.data, np.zeros(len(fit.data))
     half_step = np.full(len(data), float(np.sqrt(3.0 * np.mean(measurement.error**2))))
-    shifted = shifted_motion(data, half_step, zero, zero)
-    efforts = [fit.solution.model.predict(motion, fit.solution.parameters) for motion in (shifted, data)]
+    return _motion_error(fit, shifted_motion(data, half_step, zero, zero))
+
+
+def smoothing_error(fit: FitResult, measurement: MeasurementModel) -> float:
+    """Compute the error that the smoothing of derived motion causes, root mean square on blocks [effort].
+
+    Args:
+        fit: the model.
+        measurement: how motion and effort were measured.
+    """
+    data, zero = fit.data, np.zeros(len(fit.data))
+    removed = [exact - bent for exact, bent in zip(measurement.exact, measurement.bent, strict=True)]
+    return _motion_error(fit, shifted_motion(data, zero, *removed))
+
+
+def is_mostly_smoothing(fit: FitResult, measurement: MeasurementModel) -> bool:
+    """Return whether the smoothing of derived motion may cause most of a model's squared error.
+
+    Args:
+        fit: the model.
+        measurement: how motion and effort were measured.
+    """
+    return smoothing_error(fit, measurement) ** 2 > _MOST * fit.held_out_mean_square
+
+
+def _motion_error(fit: FitResult, motion: ChannelData) -> float:
+    """Return the change of a prediction for another motion, root mean square on blocks [effort]."""
+    efforts = [fit.solution.model.predict(data, fit.solution.parameters) for data in (motion, fit.data)]
     difference = fit.problem.blocked.reduce(np.subtract(*efforts))[fit.problem.used]
     return float(np.sqrt(np.mean(difference**2)))
 

@@ -6,7 +6,12 @@ import numpy as np
 
 from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.diagnosis.acceptance import is_outperformed
-from palpate.estimation.diagnosis.bootstrap import encoder_step_error, lack_of_fit_test
+from palpate.estimation.diagnosis.bootstrap import (
+    encoder_step_error,
+    is_mostly_smoothing,
+    lack_of_fit_test,
+    smoothing_error,
+)
 from palpate.estimation.diagnosis.residual_checks import ResidualFinding, check_residuals, find_rare_events
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_model import identify_measurement_model
@@ -44,6 +49,20 @@ class Completeness:
         """
         return fit not in self.incomplete and self.leaves_noise(fit) and self.residual_finding(fit) is None
 
+    def leaves_smoothing(self, fit: FitResult) -> bool:
+        """Return whether the smoothing of the motion may cause all that signals explain of a model's error.
+
+        Bootstrap samples contain this error only to first order. If it is most of the error, the residual
+        checks say nothing about other causes.
+
+        Args:
+            fit: the model.
+        """
+        largest = fit.problem.used.sum() * smoothing_error(fit, self.measurement) ** 2
+        if fit in self.incomplete or self._explains_little(fit) or fit.flexible.explained >= largest:
+            return False
+        return is_mostly_smoothing(fit, self.measurement) or self.residual_finding(fit) is None
+
     def explains_each_run(self, fit: FitResult) -> bool:
         """Return whether a model is complete, or would be if its gains could differ between runs.
 
@@ -78,15 +97,17 @@ class Completeness:
     def _leaves_noise(self, fit: FitResult) -> bool:
         if fit.is_exact:
             return True
-        if is_outperformed(self._start, fit):
+        if is_outperformed(self._start, fit) or self._explains_little(fit):
             return False
-        if self._noise.is_bound:
-            effort = fit.problem.blocked.effort[fit.problem.used]
-            # The model explains little, and the noise may be smaller than its error.
-            if fit.held_out_mean_square >= _MAX_VARIANCE_LEFT * np.var(effort):
-                return False
         if fit.rmse <= (1.0 + SMALL) * fit.floor():
             return True
         if fit.flexible.explained <= fit.problem.used.sum() * encoder_step_error(fit, self.measurement) ** 2:
             return True
         return not lack_of_fit_test(fit, self.measurement, self._rng).is_significant
+
+    def _explains_little(self, fit: FitResult) -> bool:
+        """Return whether a model explains so little that a bounded noise may be smaller than its error."""
+        if not self._noise.is_bound:
+            return False
+        effort = fit.problem.blocked.effort[fit.problem.used]
+        return fit.held_out_mean_square >= _MAX_VARIANCE_LEFT * float(np.var(effort))

@@ -138,6 +138,8 @@ def diagnose_channel(
 
     def evidence_of(end: FitResult, tests: list[FormTest]) -> Evidence:
         complete = checks.is_complete(end)
+        if not complete and not search.added_effects(end):
+            complete = checks.leaves_smoothing(end)
         partials = (None, None) if complete else (kinds(), coarse_kinds())
         return Evidence(
             search, checks.measurement, end, complete, checks.residual_finding(end), tests, *partials

@@ -25,7 +25,7 @@ from palpate.estimation.diagnosis.acceptance import (
     models_by_importance,
     similar_forms,
 )
-from palpate.estimation.diagnosis.bootstrap import encoder_step_error
+from palpate.estimation.diagnosis.bootstrap import encoder_step_error, is_mostly_smoothing, smoothing_error
 from palpate.estimation.diagnosis.extension import fit_extended
 from palpate.estimation.diagnosis.extrapolation import Extrapolation, extrapolation
 from palpate.estimation.diagnosis.forms import (
@@ -429,10 +429,13 @@ def _reason(
 ) -> str:
     unit, last = evidence.search.data.kind.effort_unit, evidence.stages[-1].rmse
     if verdict is Verdict.ADEQUATE:
+        explained = (
+            ", and a flexible regression explains no more of it than of the error of data simulated from the "
+            "model"
+        )
         return (
-            "no effect of the library lowers the error in held-out runs by more than chance, and a flexible "
-            "regression explains no more of it than of the error of data simulated from the "
-            f"model{_remarks(evidence)}"
+            "no effect of the library lowers the error in held-out runs by more than chance"
+            f"{_describe_motion_error(evidence) or explained}{_describe_oscillation(evidence.end)}"
         )
     signals, noise = ", ".join(evidence.signals) or "a mix of signals", evidence.noise.value
     left = f"the residual depends on {signals}"
@@ -458,7 +461,8 @@ def _reason(
             times = f", {rounded(last / noise, 2)} times the noise," if noise > 0.0 else ""
             nothing = f"the remaining error{times} depends on no recorded signal"
         if evidence.complete:
-            return f"{decrease}, and {nothing}{_remarks(evidence)}{beyond}"
+            remarks = f"{_describe_motion_error(evidence)}{_describe_oscillation(evidence.end)}"
+            return f"{decrease}, and {nothing}{remarks}{beyond}"
         return f"{decrease}{beyond}; {left}"
     reason = f"the error is {with_unit(last, unit)}{beyond}; {left}"
     if not ranking or ranking[0].score < SMALL:
@@ -485,24 +489,20 @@ def _explained_variance(evidence: Evidence) -> str:
     return f"the model explains {percent:.0f} % of the variance of the effort"
 
 
-def _remarks(evidence: Evidence) -> str:
-    """Describe possible causes of an error that looks like noise, as clauses."""
-    end = evidence.end
-    return _describe_encoder_steps(evidence) + _describe_oscillation(end)
-
-
-def _describe_encoder_steps(evidence: Evidence) -> str:
-    """Describe the remaining explainable error of a complete model if encoder steps may cause it."""
-    end, unit, off = (
-        evidence.end,
-        evidence.search.data.kind.effort_unit,
-        encoder_step_error(evidence.end, evidence.measurement),
-    )
+def _describe_motion_error(evidence: Evidence) -> str:
+    """Describe what errors of the motion may cause of the error of a complete model."""
+    end, unit = evidence.end, evidence.search.data.kind.effort_unit
+    if is_mostly_smoothing(end, evidence.measurement):
+        smoothing = with_unit(smoothing_error(end, evidence.measurement), unit)
+        return f"; smoothing of the motion, up to {smoothing}, may cause most of the error"
+    causes = {"rounding of the encoders": encoder_step_error, "smoothing of the motion": smoothing_error}
     left = np.sqrt(max(end.flexible.explained, 0.0) / max(end.problem.used.sum(), 1))
-    if end.explainable_share() <= SMALL or left > off:
-        return ""
-    most = with_unit(off, unit)
-    return f" or rounding of the encoders: {with_unit(left, unit)}, where half a step causes up to {most}"
+    if end.explainable_share() > SMALL:
+        for cause, error_of in causes.items():
+            if left <= (most := error_of(end, evidence.measurement)):
+                explained = f"the {with_unit(left, unit)} that a flexible regression explains"
+                return f"; {cause}, up to {with_unit(most, unit)}, may cause {explained}"
+    return ""
 
 
 def _describe_oscillation(end: FitResult) -> str:

@@ -12,6 +12,8 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from palpate.estimation.base_model import ModelContext
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.diagnosis import Verdict, diagnose
 from palpate.estimation.diagnosis.candidates import is_misnamed
 from palpate.estimation.diagnosis.extension import fit_extended
@@ -406,3 +408,39 @@ def test_every_channel_needs_a_model():
     data, rng = swings(1, runs=2), np.random.default_rng(0)
     with pytest.raises(InputError, match="2 channels, but 1 base models"):
         diagnose([data, replace(data, name="joint_2")], [SWING], rng=rng)
+
+
+def quick_turns(seed, friction_nm=0.0):
+    """A joint that turns within 14 to 32 samples, with least jerk, and rests; its motion is derived."""
+    rng, fine, runs = np.random.default_rng(seed), 20, []
+    dt = 1.0 / (80.0 * fine)
+    for _ in range(3):
+        parts = [np.zeros(1)]
+        while sum(map(len, parts)) < 8.0 / dt:
+            s = np.linspace(0.0, 1.0, int(rng.uniform(0.17, 0.4) / dt))
+            start = parts[-1][-1]
+            turn = start + (rng.uniform(-1.0, 1.0) - start) * (10 * s**3 - 15 * s**4 + 6 * s**5)
+            parts += [turn, np.full(int(rng.uniform(0.02, 0.15) / dt), turn[-1])]
+        q = np.concatenate(parts)[: int(8.0 / dt)]
+        v = np.gradient(q, dt)
+        runs.append(np.stack([q, v, np.gradient(v, dt)])[:, ::fine])
+    q, v, a = np.concatenate(runs, axis=1)
+    run = np.repeat(np.arange(3), len(q) // 3)
+    time_s = np.tile(np.arange(len(q) // 3) * dt * fine, 3)
+    torque = 0.02 * a + 0.05 * v + 0.5 * np.sin(q) + friction_nm * np.sign(v) + rng.normal(0.0, 0.01, len(q))
+    made = differentiate(time_s, q, run)
+    motion = q, made.velocity, made.acceleration
+    return ChannelData("joint_1", ChannelKind.REVOLUTE, time_s, *motion, torque, run, np.full(len(q), -1))
+
+
+def test_smoothing_of_quick_turns_is_no_missing_effect():
+    """A window of derivatives holds a fourth of a turn, and removes more than the noise from its torque."""
+    diagnosis = diagnose(quick_turns(2), SWING, rng=np.random.default_rng(0)).channels[0]
+    assert diagnosis.verdict is Verdict.ADEQUATE
+    assert "smoothing of the motion, up to 0.0" in diagnosis.reason
+    assert diagnosis.final.rmse > 0.03  # where the noise is 0.01 N m
+
+
+def test_effect_beyond_the_smoothing_of_quick_turns_is_named():
+    diagnosis = diagnose(quick_turns(2, friction_nm=0.2), SWING, rng=np.random.default_rng(0)).channels[0]
+    assert [accepted.effect for accepted in diagnosis.accepted] == ["coulomb_friction"]

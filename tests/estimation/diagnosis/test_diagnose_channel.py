@@ -109,6 +109,9 @@ def test_channel_is_searched_reduced_and_reported(name, monkeypatch):
         def __init__(self, start, rng):
             self.measurement, self.incomplete = "readings", set()
 
+        def leaves_smoothing(self, one):
+            return False
+
         def residual_finding(self, one):
             return None
 

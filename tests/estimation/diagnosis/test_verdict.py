@@ -20,7 +20,7 @@ from palpate.estimation.diagnosis.residual_checks import ResidualFinding
 from palpate.estimation.diagnosis.result import ParameterValue, Verdict
 from palpate.estimation.diagnosis.verdict import (
     Evidence,
-    _describe_encoder_steps,
+    _describe_motion_error,
     decide_verdict,
     effect_without_gain,
     insufficient_diagnosis,
@@ -148,23 +148,30 @@ def test_interval_is_stated_or_why_there_is_none(known, words):
 
 
 @pytest.mark.parametrize(
-    ("share", "half_step", "said"),
+    ("share", "causes_n", "cause"),
     [
-        (0.5, 0.1, " or rounding of the encoders: 0.05 N, where half a step causes up to 0.1 N"),
-        (0.5, 0.01, ""),
-        (0.0, 0.1, ""),
+        (0.5, (0.1, 0.2), "rounding of the encoders, up to 0.1 N, may cause the 0.05 N"),
+        (0.5, (0.01, 0.2), "smoothing of the motion, up to 0.2 N, may cause the 0.05 N"),
+        (0.5, (0.01, 0.02), ""),
+        (0.0, (0.1, 0.2), ""),
+        (0.0, (0.01, 0.8), "smoothing of the motion, up to 0.8 N, may cause most of the error"),
     ],
 )
-def test_rounding_is_named_where_it_may_cause_what_is_explainable(monkeypatch, share, half_step, said):
-    monkeypatch.setattr(verdict, "encoder_step_error", lambda end, measurement: half_step)
+def test_errors_of_the_motion_are_named_where_they_may_cause_what_is_explainable(
+    monkeypatch, share, causes_n, cause
+):
+    for name, error_n in zip(("encoder_step_error", "smoothing_error"), causes_n, strict=True):
+        monkeypatch.setattr(verdict, name, lambda end, measurement, error_n=error_n: error_n)
     end = SimpleNamespace(
         explainable_share=lambda: share,
         flexible=SimpleNamespace(explained=100 * 0.05**2),
         problem=SimpleNamespace(used=np.ones(100, np.bool_)),
     )
+    monkeypatch.setattr(verdict, "is_mostly_smoothing", lambda *_: causes_n[1] > 0.5)
     data = SimpleNamespace(kind=ChannelKind.CONTACT)
     evidence = SimpleNamespace(end=end, measurement=None, search=SimpleNamespace(data=data))
-    assert _describe_encoder_steps(evidence) == said
+    assert _describe_motion_error(evidence).startswith(f"; {cause}" if cause else "")
+    assert bool(_describe_motion_error(evidence)) is bool(cause)
 
 
 def test_noise_bound_does_not_turn_a_smooth_residual_into_noise(swung):
