@@ -33,7 +33,6 @@ from palpate.render.view import (
     NOISE,
     AxisLabels,
     ChannelView,
-    ParameterView,
     StageView,
     StudyView,
     VerdictView,
@@ -86,11 +85,11 @@ def channel_view(
         fall = [("base model", diagnosis.baseline.rmse), *steps]
     if not stages and diagnosis is not None and diagnosis.final is not None:
         values = diagnosis.final.parameters.items()
-        parameters = tuple(parameter_view(name, value) for name, value in values)
+        parameters = tuple(_as_estimate(name, value) for name, value in values)
     if diagnosis is not None:
-        shown = {parameter.effect for parameter in parameters}
+        shown = {parameter.name.rpartition(".")[0] for parameter in parameters}
         spreads = ((entry.effect, entry.parameters.get("spread")) for entry in diagnosis.accepted)
-        parameters += tuple(parameter_view(f"{n}.spread", v) for n, v in spreads if v and n in shown)
+        parameters += tuple(_as_estimate(f"{n}.spread", v) for n, v in spreads if v and n in shown)
     if noise is not None and fall:
         noise = noise.below(min(error for _, error in fall))
     view = ChannelView(
@@ -128,10 +127,10 @@ def channel_view(
     return replace(view, ranking=ranking, next_experiment=diagnosis.next_experiment)
 
 
-def parameter_view(name: str, fitted: ParameterEstimate | ParameterValue) -> ParameterView:
-    """Make the view of one parameter."""
-    effect, _, parameter = name.rpartition(".")
-    return ParameterView(effect, parameter, fitted.value, *fitted.interval, fitted.unit, fitted.at_bound)
+def _as_estimate(name: str, saved: ParameterValue) -> ParameterEstimate:
+    """Return a parameter of a saved diagnosis as an estimate; its uncertainty may be unknown."""
+    std_err = float("nan") if saved.std_err is None else saved.std_err
+    return ParameterEstimate(name, saved.unit, saved.value, std_err, saved.interval, saved.at_bound)
 
 
 def axes_of(kind: ChannelKind) -> AxisLabels:
@@ -270,7 +269,6 @@ def result_view(result: ChannelResult, *, with_parameters: bool = True) -> Chann
     stages, name = list[StageView](), ""
     for stage in result.stages:
         fitted = stage.fitted
-        estimates = fitted.parameters if with_parameters else {}
         label = f"+ {stage.added}" if stage.added else fitted.model.name
         name = f"{name} {label}" if stage.added and name else f"{fitted.model.name}"
         stages.append(
@@ -281,7 +279,7 @@ def result_view(result: ChannelResult, *, with_parameters: bool = True) -> Chann
                 rmse=fitted.rmse,
                 predicted=fitted.predicted,
                 residual=fitted.residual,
-                parameters=tuple(parameter_view(*item) for item in estimates.items()),
+                parameters=tuple(fitted.parameters.values()) if with_parameters else (),
                 effects=fitted.model.effects,
                 equation=equation_of(fitted.model),
                 unphysical=fitted.unphysical,

@@ -33,7 +33,7 @@ from palpate.estimation.estimate import (
 from palpate.estimation.estimate_channel import describe_steps, steps_spanned
 from palpate.estimation.fit.intervals import SIGMAS_95
 from palpate.estimation.study.estimates import MIN_INLIER_SHARE, OFFSET_NAME, PREFERRED, ChannelEstimates
-from palpate.render.build import channel_view, equation_of, parameter_view
+from palpate.render.build import channel_view, equation_of
 from palpate.render.view import ChannelView, StageView, VerdictView
 from palpate.robot_io.calibration.applied import parse_calibrations
 from palpate.robot_io.session import Session
@@ -89,7 +89,7 @@ def estimates_view(estimates: ChannelEstimates, truth: Truth) -> ChannelView:
         rmse=best.rmse,
         predicted=predicted,
         residual=np.where(estimates.rows, estimates.channel.effort - predicted, np.nan),
-        parameters=tuple(parameter_view(p.name, p) for p in best.parameters),
+        parameters=best.parameters,
         effects=estimates.model.effects,
         equation=equation_of(estimates.model),
     )

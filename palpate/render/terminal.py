@@ -24,7 +24,7 @@ from palpate.common.console import (
 )
 from palpate.estimation.diagnosis.forms import Form
 from palpate.estimation.effects.contact_geometry import ContactOffset
-from palpate.estimation.estimate import with_unit
+from palpate.estimation.estimate import ParameterEstimate, with_unit
 from palpate.estimation.study import Revision
 from palpate.estimation.study.comparison import FAR
 from palpate.render.view import (
@@ -32,7 +32,6 @@ from palpate.render.view import (
     RANGE,
     BudgetView,
     ChannelView,
-    ParameterView,
     StudyView,
     VerdictView,
     percent,
@@ -213,7 +212,7 @@ def _error_steps_table(channel: ChannelView, width: int, *, narrow: bool = False
 
 
 def _parameter_table(
-    parameters: Sequence[ParameterView], width: int, *, narrow: bool = False
+    parameters: Sequence[ParameterEstimate], width: int, *, narrow: bool = False
 ) -> RenderableType:
     """Tabulate parameters with 95 % intervals; if narrow, with units below effects' names."""
     if not parameters:
@@ -221,29 +220,32 @@ def _parameter_table(
     units = () if narrow else ("unit",)
     made = table("", "parameter", "value", "95 % interval", *units, right=("value", "95 % interval"))
     for parameter in parameters:
-        effect, name = f"[dim]{safe(parameter.effect)}.[/dim]", safe(parameter.name)
+        effect, _, name = parameter.name.rpartition(".")
+        place = f"[dim]{safe(effect)}.[/dim]"
         if narrow:
-            made.add_row(f"{effect}\n  {name} {safe(f'[{parameter.unit}]')}", *with_interval(parameter))
+            unit = safe(f"[{parameter.unit}]")
+            made.add_row(f"{place}\n  {safe(name)} {unit}", *with_interval(parameter))
         else:
-            made.add_row(effect + name, *with_interval(parameter), safe(parameter.unit))
+            made.add_row(place + safe(name), *with_interval(parameter), safe(parameter.unit))
     if not narrow and natural_width(made) > width:
         return _parameter_table(parameters, width, narrow=True)
-    if any(parameter.effect == ContactOffset.name for parameter in parameters):
+    if any(parameter.name.startswith(f"{ContactOffset.name}.") for parameter in parameters):
         note = f"{ContactOffset.name}: depth of the surface below its first estimate"
         return Group(made, Text(note, style="italic dim"))
     return made
 
 
-def with_interval(view: ParameterView) -> tuple[str, str]:
+def with_interval(parameter: ParameterEstimate) -> tuple[str, str]:
     """Format a value and half of its 95 % interval, or both ends of an asymmetric one."""
-    if view.at_bound:
-        return significant(view.value), AT_BOUND
-    if not view.half < float("inf"):  # true for NaN as well
-        return significant(view.value, view.half), NOT_DETERMINED
-    value, half = significant(view.value, view.half), significant(view.half, view.half)
-    if abs(view.upper + view.lower - 2 * view.value) < _LOPSIDED * view.half:
-        return value, f"± {half}"
-    return value, f"{significant(view.lower, view.half)} … {significant(view.upper, view.half)}"
+    if parameter.at_bound:
+        return significant(parameter.value), AT_BOUND
+    (lower, upper), half = parameter.interval, parameter.half_interval
+    value = significant(parameter.value, half)
+    if not half < float("inf"):  # true for NaN as well
+        return value, NOT_DETERMINED
+    if abs(upper + lower - 2 * parameter.value) < _LOPSIDED * half:
+        return value, f"± {significant(half, half)}"
+    return value, f"{significant(lower, half)} … {significant(upper, half)}"
 
 
 def _parts_table(channel: ChannelView, width: int, *, narrow: bool = False) -> Table:

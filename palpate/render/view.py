@@ -11,6 +11,7 @@ import numpy as np
 from palpate.estimation.design.next_experiment import NextExperiment
 from palpate.estimation.diagnosis.result import AcceptedEffect, RankedEffect
 from palpate.estimation.effect import Effect
+from palpate.estimation.estimate import ParameterEstimate
 from palpate.estimation.study.comparison import ErrorPart
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -48,25 +49,6 @@ class AxisLabels:
 
 
 @dataclass(frozen=True)
-class ParameterView:
-    """One parameter with its 95 % interval; NaN if it is at a bound or the data do not determine it."""
-
-    effect: str
-    name: str
-    value: float
-    lower: float
-    upper: float
-    unit: str
-    at_bound: bool = False
-
-    @property
-    def half(self) -> float:
-        """Half of the interval; NaN if unknown or unbounded."""
-        half = (self.upper - self.lower) / 2
-        return half if np.isfinite(half) else float("nan")
-
-
-@dataclass(frozen=True)
 class StageView:
     """One stage of a model."""
 
@@ -77,7 +59,7 @@ class StageView:
     predicted: FloatArray  # predicted effort, shape (n,)
     # Measured minus predicted from the other runs, shape (n,); NaN for samples excluded from scoring.
     residual: FloatArray
-    parameters: tuple[ParameterView, ...]  # in the order of the model
+    parameters: tuple[ParameterEstimate, ...]  # in the order of the model
     effects: tuple[Effect, ...]  # the terms of the model
     equation: str  # all terms in one line
     unphysical: tuple[str, ...] = ()  # descriptions of gains outside their physical bounds
@@ -179,7 +161,7 @@ class ChannelView:
     speeds: Mapping[int, str]  # description of each run's speed, by run number
     stages: tuple[StageView, ...]  # base model first; empty if the data cannot be judged
     error_steps: tuple[tuple[str, float], ...]  # label and error of each stage
-    parameters: tuple[ParameterView, ...]  # of the last stage
+    parameters: tuple[ParameterEstimate, ...]  # of the last stage
     noise_level: float  # error of a complete model, 0 if unknown
     noise_is_bound: bool  # whether the noise may be smaller
     noise_text: str  # the noise with its source, in words

@@ -12,11 +12,12 @@ from PIL import Image
 
 from palpate.estimation.diagnosis.candidates import effect_library
 from palpate.estimation.effects.gravity_load import KnownRigidBody
+from palpate.estimation.estimate import ParameterEstimate
 from palpate.estimation.model import Model
 from palpate.render import report
 from palpate.render.build import equation_of, result_view, write_outcome
 from palpate.render.report import bold, document, typeset, write_report
-from palpate.render.view import ParameterView, StudyView
+from palpate.render.view import StudyView
 from palpate.robot_io.errors import InputError
 from palpate.study import Study
 from tests.few_effects import try_few_effects
@@ -68,7 +69,7 @@ def test_page_is_self_contained_and_names_no_other_place(page):
 
 @pytest.mark.parametrize(("low", "high", "cell"), [(-0.34, 0.48, "><"), (0.04, 0.1, ">43 %<")])
 def test_parameter_error_is_in_percent_unless_its_interval_contains_zero(result, low, high, cell):
-    parameter = ParameterView("damping", "c", 0.07, low, high, "N s/m")
+    parameter = ParameterEstimate("damping.c", "N s/m", 0.07, 0.2, (low, high))
     told = own(document(StudyView("f", (replace(result_view(result), parameters=(parameter,)),))))
     assert f'N s/m</td><td class="number"{cell}/td>' in told
 

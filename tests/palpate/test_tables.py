@@ -27,7 +27,6 @@ from palpate.render.terminal import (
     print_diagnosis,
     print_revisions,
 )
-from palpate.render.view import ParameterView
 from palpate.study import Study
 from tests.few_effects import try_few_effects
 from tests.revisions import revision
@@ -100,8 +99,9 @@ def differing(name, unit, *values):
 
 @pytest.mark.parametrize("width", [60, 80, 120])
 def test_tables_of_parameters_break_no_word_and_no_effect_name(width):
-    one = ParameterView(LONG, "transition", 0.0123, 0.0113, 0.0133, "N m s^2/rad^2")
-    long, short = differing(f"{LONG}.transition", one.unit, 1.0, 2.0), "contact_offset.offset"
+    name, unit = f"{LONG}.transition", "N m s^2/rad^2"
+    one = ParameterEstimate(name, unit, 0.0123, 5e-4, (0.0113, 0.0133))
+    long, short = differing(name, unit, 1.0, 2.0), "contact_offset.offset"
     for made in (_parameter_table([one], width), _difference_table([long], width)):
         lines = printed(made, width).splitlines()
         assert any(LONG in line for line in lines)

@@ -14,7 +14,7 @@ from palpate.estimation.design.next_experiment import propose_remedial_experimen
 from palpate.estimation.diagnosis import ChannelDiagnosis
 from palpate.estimation.diagnosis.result import NoiseFloor, ParameterValue
 from palpate.render import palette, terminal
-from palpate.render.build import _run_speeds, channel_view, concatenated_times, parameter_view
+from palpate.render.build import _as_estimate, _run_speeds, channel_view, concatenated_times
 from palpate.render.diagnosis import describe_error_decrease, diagnosis_verdict
 from palpate.render.thinning import join_curves, peak_rows, rows_by_run, run_curves
 from palpate.render.view import StudyView, residual_map
@@ -217,10 +217,10 @@ def test_excluded_samples_are_reported(contact):
     ],
 )
 def test_parameter_is_shown_with_its_interval(std_err, interval, shown):
-    found = ParameterValue(value=12.346, std_err=std_err, unit="N/m")
+    found = _as_estimate("stiffness.k", ParameterValue(value=12.346, std_err=std_err, unit="N/m"))
     if interval is not None:  # an estimate has an interval of its own
-        found = SimpleNamespace(value=12.346, interval=interval, unit="N/m", at_bound=False)
-    assert terminal.with_interval(parameter_view("stiffness.k", found)) == shown
+        found = replace(found, interval=interval)
+    assert terminal.with_interval(found) == shown
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])

@@ -195,8 +195,8 @@ def record_rerun(view: StudyView, path: Path) -> None:
                 lines += [f"`{effect.name}` {effect.equation}  " for effect in stage.effects]
                 lines += ["", "| parameter | value | 95 % interval | unit |", "|---|---|---|---|"]
                 for parameter in stage.parameters:
-                    name, cells = f"{parameter.effect}.{parameter.name}", with_interval(parameter)
-                    lines.append(f"| {' | '.join([name, *cells, parameter.unit])} |")
+                    cells = [parameter.name, *with_interval(parameter), parameter.unit]
+                    lines.append(f"| {' | '.join(cells)} |")
                 recording.log(f"{channel.name}/words", markdown("\n".join(lines)))
             recording.reset_time()
         for channel in drawn:
