@@ -64,6 +64,7 @@ class FollowerMessaging(threading.Thread):
         queue: queue of targets, filled by this thread.
         arm_state: state of the arm and measured force; the loop replaces it in every tick.
         notes: entries for the session, (kind, text, data), which the loop logs.
+        samples: samples to estimate, (stream, records, target, whether its last run is over), from the loop.
         estimates: number of estimates made.
         link: exchange of messages, whose state the loop logs.
         error: reason why the exchange ended; empty while it continues.
@@ -76,7 +77,7 @@ class FollowerMessaging(threading.Thread):
         self.notes = deque[tuple[str, str, dict[str, object]]]()
         self.estimates, self.error = 0, ""
         self._clock, self._say, self._over = clock, say, threading.Event()
-        self._samples: deque[tuple[Stream, RecordArray, int, bool]] = deque()
+        self.samples = deque[tuple[Stream, RecordArray, int, bool]]()
         self._is_idle = True  # whether no estimate was pending at the thread's last check
         self._estimator = ObjectEstimator(diagnose=diagnose)
         self._newest: dict[int, messages.ObjectEstimate] = {}  # newest estimate by target
@@ -103,20 +104,9 @@ class FollowerMessaging(threading.Thread):
         now_s = self._clock.now_s()
         if math.isnan(self._settling_since_s):
             self._settling_since_s = now_s
-        waiting = bool(self._samples) or not self._is_idle
+        waiting = bool(self.samples) or not self._is_idle
         unseen = self.queue.linked and bool(self._unseen()) and now_s < self._newest_s + _SEEN_S
         return bool(self.error) or not ((waiting and now_s < self._settling_since_s + _SETTLE_S) or unseen)
-
-    def request_estimate(self, stream: Stream, records: RecordArray, target: int, *, last: bool) -> None:
-        """Request an estimate for a target's samples; returns at once.
-
-        Args:
-            stream: columns of the records.
-            records: samples of one target.
-            target: number of the target.
-            last: whether its last run is over.
-        """
-        self._samples.append((stream, records, target, last))
 
     def run(self) -> None:
         """See `threading.Thread.run`."""
@@ -169,12 +159,12 @@ class FollowerMessaging(threading.Thread):
 
     def _exchange_estimates(self) -> None:
         """Give samples to the estimator, and collect its answers."""
-        while self._samples:
+        while self.samples:
             self._is_idle = False
-            stream, records, target, last = self._samples[0]
+            stream, records, target, last = self.samples[0]
             columns = {column.name: records[column.name].copy() for column in stream.columns}
             self._estimator.request(Samples(stream, columns), target, last=last)
-            self._samples.popleft()
+            self.samples.popleft()
         for answer in self._estimator.answers():
             if isinstance(answer, str):
                 self.notes.append(("no_estimate", answer, {}))
@@ -255,9 +245,8 @@ class Observer:
         """Collect the current target's samples, and request an estimate after each run."""
         if self._run not in {NO_RUN, output.run}:
             last = self._run - self._first_run + 1 == self._runs
-            self._messaging.request_estimate(
-                self._stream, self._records[: self._count].copy(), self._target, last=last
-            )
+            records = self._records[: self._count].copy()
+            self._messaging.samples.append((self._stream, records, self._target, last))
         self._run = output.run
         if output.run == NO_RUN:
             return

@@ -7,7 +7,7 @@ from rerun.chunk import RrdReader
 from palpate.render.build import result_view
 from palpate.render.recording.file import REVISION, TIME, shown_on
 from palpate.render.recording.revisions import HEIGHT, WIDTH, Chart, record_rerun, ticks
-from palpate.render.recording.scene import PICTURES_HZ, Scene, _load_urdf, _moving_joints
+from palpate.render.recording.scene import PICTURES_HZ, Scene, _load_urdf, _moving_joints, picture_rows
 from palpate.render.recording.session import record_session
 from palpate.render.view import StudyView
 from palpate.robot_io.errors import InputError
@@ -67,7 +67,7 @@ def test_arm_moves_through_all_its_joints_in_order():
 
 
 def test_pictures_are_few_and_include_the_last_tick(scene):
-    rows = scene.picture_rows
+    rows = picture_rows(scene.time_s)
     assert rows[-1] == len(scene.time_s) - 1
     assert len(rows) == pytest.approx(PICTURES_HZ * scene.time_s[-1], rel=0.02)
 

@@ -92,11 +92,6 @@ class Scene:
         return np.asarray(point + (self.surface_m - point @ press) * press)
 
     @property
-    def picture_rows(self) -> IntArray:
-        """Indices of the ticks that are drawn in 3D."""
-        return picture_rows(self.time_s)
-
-    @property
     def picture_moment_s(self) -> float:
         """Time within the last phase of held force, or the middle of the session if there is none [s]."""
         holding = np.flatnonzero(self.ticks["phase"] == Phase.HOLD)
@@ -212,7 +207,7 @@ def log_object(recording: rr.RecordingStream, scene: Scene) -> None:
         recording: destination.
         scene: the session.
     """
-    rows = scene.picture_rows
+    rows = picture_rows(scene.time_s)
     press, tips = scene.press_direction_world[rows], scene.ticks["tip_position_world_m"][rows]
     known = np.isfinite(np.hstack([tips, press])).all(axis=1)  # unknown while the guard stops the arm
     rows, press, tips = rows[known], press[known], tips[known]

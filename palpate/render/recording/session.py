@@ -22,7 +22,7 @@ from palpate.render.recording.file import (
     time_column,
 )
 from palpate.render.recording.rerun_modules import rr, rrb
-from palpate.render.recording.scene import Scene, log_moving_arm, log_object, view_3d
+from palpate.render.recording.scene import Scene, log_moving_arm, log_object, picture_rows, view_3d
 from palpate.robot_io.session import Event
 from palpate.robot_io.types import FloatArray, IntArray
 
@@ -50,7 +50,7 @@ def record_session(scene: Scene, path: Path) -> None:
     Raises:
         InputError: the file cannot be written, or the session's URDF cannot be shown.
     """
-    rows, ticks, time_s = scene.picture_rows, scene.ticks, scene.time_s
+    rows, ticks, time_s = picture_rows(scene.time_s), scene.ticks, scene.time_s
     with recording_file(scene.name, path, _blueprint(scene)) as recording:
         log_moving_arm(recording, scene.name, scene.urdf, time_s[rows], ticks["joint_position_rad"][rows])
         log_object(recording, scene)

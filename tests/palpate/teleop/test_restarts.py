@@ -167,7 +167,7 @@ def test_arm_waits_for_a_pending_estimate_at_every_moment(followed, line):
     estimator.request, estimator.answers = request, answer
     assert messaging.settled()
     stream = sample_stream(3)
-    messaging.request_estimate(stream, np.zeros(2, stream.dtype), 0, last=True)
+    messaging.samples.append((stream, np.zeros(2, stream.dtype), 0, True))
     assert not messaging.settled()
     messaging._exchange()
     assert asked == [False, False]
