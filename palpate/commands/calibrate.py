@@ -20,7 +20,7 @@ from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.loop.tick_record import STREAM_NAME
 from palpate.estimation.data.import_options import parse_pairs
 from palpate.render.calibration import arm_figure, encoder_figure, force_figure, print_calibration
-from palpate.render.progress import motion_progress, weighing_progress
+from palpate.render.progress import motion_progress
 from palpate.render.report import PLOT_CONFIG
 from palpate.robot_io.calibration.applied import Calibrations
 from palpate.robot_io.calibration.file import Calibration
@@ -103,8 +103,7 @@ def force(
                 "--weights-kg: give the masses in their order on the sensor, such as 0,0.5,1,2,1,0.5,0"
             )
         place = runs.put_simulated_weight if job.simulated else ask_for_weight(gravity_m_s2)
-        with weighing_progress(len(forces_n), live=job.simulated) as progress:
-            runs.run_weighing(job, forces_n, place, progress=progress)
+        runs.run_weighing(job, forces_n, place)
 
     def analyze(raw: Path) -> Analysis:
         if raw.suffix == ".mcap":

@@ -105,21 +105,6 @@ def motion_progress(what: str, *, live: bool) -> Iterator[MakeWatcher]:
         yield watcher
 
 
-@contextmanager
-def weighing_progress(number: int, *, live: bool) -> Iterator[Callable[[float], None] | None]:
-    """Show how many weights have been read; with hardware the prompts show this.
-
-    Args:
-        number: number of weights.
-        live: whether to draw a bar; not with hardware.
-    """
-    if not live:
-        yield None
-        return
-    with progress_bar("weighing") as bar:
-        yield lambda share: bar.update(share, f"weight {round(share * number)} of {number}")
-
-
 class ProgressBar:
     """One bar, drawn at each update."""
 

@@ -176,7 +176,6 @@ def run_weighing(
     *,
     settle_s: float = 1.0,
     measure_s: float = 1.0,
-    progress: Callable[[float], None] | None = None,
 ) -> None:
     """Apply known forces to the sensor of an unpowered arm, one after the other, and log the readings.
 
@@ -186,7 +185,6 @@ def run_weighing(
         place: called with the arm, the force's number from 0 and the force [N]; applies the force.
         settle_s: time before each measurement [s].
         measure_s: time of each measurement [s].
-        progress: called with the fraction that is done.
 
     Raises:
         InputError: as for `calibration_setup`, or there are too few forces, or one exceeds the robot's limit.
@@ -208,8 +206,6 @@ def run_weighing(
             text = f"{force_n:.4f} N on the sensor"
             arm.log.event(arm.clock.now_s(), EVENT, text, {"run": number, "force_n": force_n})
             stationary.record(measure_s, number)
-            if progress:
-                progress((number + 1) / len(forces_n))
 
 
 def put_simulated_weight(arm: ArmSession, number: int, force_n: float) -> None:
