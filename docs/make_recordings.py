@@ -15,7 +15,6 @@ from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -103,42 +102,34 @@ def _options() -> Namespace:
 def _of_recipes(options: Namespace) -> Iterator[Entry]:
     """Recordings that a recipe describes, of which the data are there."""
     for name in sorted(path.stem for path in RECIPES.glob("*.yaml")):
-        recipe = load_recipe(name)
-        folders = (folder / name for folder in options.data_dirs)
-        folder = next(filter(Path.is_dir, folders), None)
-        if folder is None:
-            continue
-        file, answer = file_of(recipe, folder), options.answers / f"{name}.json"
-        if not file.exists():
+        recipe, answer, folder = load_recipe(name), options.answers / f"{name}.json", _folder(options, name)
+        if folder is None or not (file := file_of(recipe, folder)).exists():
             continue
         if not answer.is_file() and options.no_new:
             continue
         print(name, flush=True)
-        yield _entry_of_recipe(recipe, answer_of(recipe, file, answer))
+        content, origin = answer_of(recipe, file, answer), recipe["origin"]
+        place = f"[{origin['repository'].removeprefix('https://github.com/')}]({origin['repository']})"
+        command = f"`python benchmarks/measured/convert.py {name} --from REPOSITORY --to FOLDER`"
+        yield Entry(
+            name=name,
+            measured=recipe["measured"],
+            origin=f"{place} at {origin['commit'][:7]}, license: {origin['licence']}; {command}",
+            expected=[" or ".join(Kind(kind).word for kind in recipe["expected"]["kinds"])],
+            split=split_of(recipe).replace("_", " ").replace("develop", "developed on"),
+            channels=[ChannelDiagnosis.model_validate(one) for one in content.get("channels", [])],
+            refused=_PLACE.sub("", content.get("refused", content.get("stopped", ""))),
+        )
 
 
-def _entry_of_recipe(recipe: dict[str, Any], content: dict[str, Any]) -> Entry:
-    origin, expected, name = recipe["origin"], recipe["expected"], recipe["name"]
-    kinds = " or ".join(Kind(kind).word for kind in expected["kinds"])
-    place = f"[{origin['repository'].removeprefix('https://github.com/')}]({origin['repository']})"
-    command = f"`python benchmarks/measured/convert.py {name} --from REPOSITORY --to FOLDER`"
-    return Entry(
-        name=name,
-        measured=recipe["measured"],
-        origin=f"{place} at {origin['commit'][:7]}, license: {origin['licence']}; {command}",
-        expected=[kinds],
-        split=split_of(recipe).replace("_", " ").replace("develop", "developed on"),
-        channels=[ChannelDiagnosis.model_validate(one) for one in content.get("channels", [])],
-        refused=_PLACE.sub("", content.get("refused", content.get("stopped", ""))),
-    )
+def _folder(options: Namespace, name: str) -> Path | None:
+    return next(filter(Path.is_dir, (folder / name for folder in options.data_dirs)), None)
 
 
 def _of_sets(options: Namespace) -> Iterator[Entry]:
     """Recordings of the sets that benchmarks/measured/recordings.py reads."""
     for name, entry in SETS.items():
-        folders = (folder / name for folder in options.data_dirs)
-        folder = next(filter(Path.is_dir, folders), None)
-        if folder is None:
+        if (folder := _folder(options, name)) is None:
             continue
         repository, licence, measured = entry["origin"]
         place = f"[{repository}](https://github.com/{repository}), license: {licence}"

@@ -285,10 +285,8 @@ def _shade(made: go.Figure, channel: ChannelView, place: Place) -> None:
         for cells in blocks(out)
         if out[cells.start]
     ]
-    made.layout.shapes = (
-        *made.layout.shapes,
-        *spans,
-    )  # at once, as add_vrect checks the whole figure each time
+    # at once, as add_vrect checks the whole figure each time
+    made.layout.shapes = (*made.layout.shapes, *spans)
 
 
 def title_axes(made: go.Figure, place: Place, x: str, y: str) -> None:
