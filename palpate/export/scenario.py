@@ -33,13 +33,8 @@ def _viscous(p: Values) -> float:
     return 0.5 * (p["viscous_forward"] + p["viscous_backward"])
 
 
-def lost(effect: str, p: Values) -> Iterator[str]:
-    """Describe what the simulator does differently for a fitted effect, in a sentence.
-
-    Args:
-        effect: name of the effect.
-        p: fitted parameters, by their own names.
-    """
+def _lost(effect: str, p: Values) -> Iterator[str]:
+    """Describe what the simulator does differently for a fitted effect, in a sentence."""
     if effect == "asymmetric_friction" and _viscous(p) < 0.0:
         yield f"asymmetric_friction falling with speed ({_viscous(p):.3g} N m s/rad) is simulated as constant"
     if effect == "dry_friction" and p["presliding"] < SHORTEST_SLIP_M:
@@ -204,7 +199,7 @@ def export_scenario(base: Scenario, fitted: Sequence[FittedChannel], description
             made, lines = _entries(name, values, channel)
             hidden += made
             (used if made else left_out).extend(f"{where}: {line}" for line in lines)
-            left_out += [f"{where}: {line}" for line in lost(name, values)]
+            left_out += [f"{where}: {line}" for line in _lost(name, values)]
     return Export(scenario.with_hidden(hidden), tuple(used), tuple(left_out))
 
 

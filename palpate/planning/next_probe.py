@@ -164,11 +164,7 @@ class _Planned:
     motions: tuple[ChannelData | None, ...]
 
     def expected(self, left: Sequence[UndecidedModels]) -> "_Planned":
-        """Return the experiment with the scores that are expected once all models are refitted.
-
-        Args:
-            left: the questions.
-        """
+        """Return the experiment with the scores that are expected once all models are refitted."""
         rng = np.random.default_rng(_SEED)
         leads = tuple(
             question.rivals.simulated_leads(motion, rng) if motion is not None else question.no_leads

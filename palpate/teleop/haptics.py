@@ -163,12 +163,7 @@ class _Haptics:
         self._was_selected = self._end = False
 
     def run(self, clock: Clock, lateness: Histogram) -> None:
-        """Run all ticks until the end.
-
-        Args:
-            clock: clock of the leader.
-            lateness: collects how late ticks began.
-        """
+        """Run all ticks until the end, and collect how late they began."""
         grid = TickGrid(clock.now_s() + _PERIOD_S, _PERIOD_S)
         periods, busy_s = 1, 0.0
         late_s = np.zeros(_REPORT_TICKS)
