@@ -204,7 +204,6 @@ _GOAL = frozenset(
     "goal target desired des cmd command commanded set setpoint soll reference ref action".split()  # noqa: SIM905
 )
 _KNOWN = tuple((quantity, known) for quantity, known in WORDS.items() if quantity != RUN)
-_BY_DIMENSION = {"length": "displacement", "angle": "position"} | {n: n for n in ("time", "force", "torque")}
 OWN_NAME, _BY_NAME, _BY_WORD, _BY_UNIT, _BY_PAIR = 4, 3, 2, 1, 0
 _REPEATED_NAME = re.compile(r"(.+) \((\d+)\)")  # a repeated name
 _UNNAMED = re.compile(r"column \d+")
@@ -251,9 +250,6 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
         names: names of the columns.
         clocks: columns with clock times in seconds; units in their names are ignored.
     """
-    # If the header contains only units ("mm", "kN", "s"), they determine the quantities.
-    units = {name: normalize_unit(name.strip("[]() ")) for name in names if not is_unnamed(name)}
-    units_only = sum(map(bool, map(dimension_of, units.values()))) >= max(2.0, 0.6 * len(units))
 
     def is_repeated(name: str) -> bool:
         repeated = _REPEATED_NAME.fullmatch(name)
@@ -264,9 +260,6 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
             return RoleGuess(name, "")
         if name in clocks:
             return replace(guess_column(f"{split_unit(name)[0]} [s]"), column=name)
-        quantity = _BY_DIMENSION.get(dimension_of(units.get(name, "")) or "", "") if units_only else ""
-        if quantity:
-            return RoleGuess(name, quantity, None, units[name], _BY_UNIT, "by its unit")
         return guess_column(name)
 
     guesses = list(map(guess_alone, names))
@@ -289,10 +282,7 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
     shared = len(joints) < 2 and any(
         guess.quantity == "torque" and guess.joint is None and guess.rank > _BY_PAIR for guess in guesses
     )
-    # If the names form no channel, the last word of a name without a unit is used too: "Standard force".
-    missing = {"time"} - {guess.quantity for guess in guesses}
     if not channel_pairs({guess.key for guess in guesses if guess.quantity}):
-        missing |= {"displacement", "force"} - {guess.quantity for guess in guesses}
         guesses = [_guess_tension_test(guess) if guess.quantity == "" else guess for guess in guesses]
     paired = []
     for guess in guesses:
@@ -300,16 +290,11 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
             paired.append(replace(guess, joint=number[guess.joint_name]))
         elif guess.rank == _BY_PAIR and guess.joint is None and not (shared and guess.quantity == "position"):
             paired.append(RoleGuess(guess.column, ""))
-        elif not guess.quantity and (quantity := quantity_in(guess.column, last=True)) in missing:
-            paired.append(
-                RoleGuess(guess.column, quantity, rank=_BY_PAIR, why="by the last word of its name")
-            )
         else:
             paired.append(guess)
-    if channel_pairs({guess.key for guess in paired if guess.quantity}):
-        return paired
-    # Otherwise any word of a name is used, such as "Pos" in "motorPosRaw" and "force" in "ForceArray b",
-    # unless the names belong to different joints.
+    is_channel = bool(channel_pairs({guess.key for guess in paired if guess.quantity}))
+    # A time, and all quantities if the names form no channel, are then found by any word of a name, such as
+    # "Pos" in "motorPosRaw" and "force" in "ForceArray b", unless the names belong to different joints.
     known = {guess.quantity for guess in paired}
     by_word = [guess_column(name, anywhere=True) for name in names]
     joint_words = [
@@ -318,8 +303,8 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
         if guess.quantity in _MOTION_OR_TORQUE
         and (words := {word for word in guess.joint_name if not word.isdecimal()})
     ]
-    if joint_words and not set.intersection(*joint_words):
-        return paired
+    if is_channel or (joint_words and not set.intersection(*joint_words)):
+        known |= {*QUANTITIES, RUN} - {"time"}
     return [
         guess if guess.quantity or other.quantity in known or is_repeated(guess.column) else other
         for guess, other in zip(paired, by_word, strict=True)
@@ -375,17 +360,16 @@ def words_of(name: str) -> list[str]:
     return re.findall(r"[^\W\d_]+", plain(_CAMEL.sub(" ", without_accents(name))))
 
 
-def quantity_in(name: str, *, last: bool = False) -> str:
+def quantity_in(name: str) -> str:
     """Return the quantity that a word of at least three letters means; "none" for unmeasured signals.
 
     Args:
         name: name of a column.
-        last: consider only the last word, as in "log:timestamp".
     """
     words = words_of(name)
     if _NOT_MEASURED & set(words):
         return "none"
-    return _quantity_of({word for word in (words[-1:] if last else words) if len(word) > 2})
+    return _quantity_of({word for word in words if len(word) > 2})
 
 
 def _quantity_of(words: Collection[str]) -> str:

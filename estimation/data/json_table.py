@@ -54,22 +54,10 @@ def read_json(path: Path) -> FileColumns:
             f"{path}: holds no table; expected a list of records, columns of equal length, or rows of numbers"
         )
     columns, other_lengths = max(tables, key=lambda table: _length(table[0]))
-    flat = {
-        name: np.array(_truth_as_text(cells))
-        for name, cells in columns.items()
-        if not any(map(_is_nested, cells))
-    }
+    flat = {name: np.array(cells) for name, cells in columns.items() if not any(map(_is_nested, cells))}
     notes = [NAMELESS] if all(map(is_unnamed, flat)) else []
     notes += [f"columns of other lengths left out: {', '.join(other_lengths)}"] if other_lengths else []
     return FileColumns(arrow_table(flat, path), notes=tuple(notes))
-
-
-def _truth_as_text(cells: list[Any]) -> list[Any]:
-    """Write true and false among other values as text, as in CSV; an array would make them 1 and 0."""
-    truths = sum(isinstance(cell, bool) for cell in cells)
-    if not truths or truths == sum(cell is not None for cell in cells):
-        return cells
-    return [str(cell).lower() if isinstance(cell, bool) else cell for cell in cells]
 
 
 def _is_nested(value: object) -> TypeGuard[list[Any] | Mapping[str, Any]]:

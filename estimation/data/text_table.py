@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.estimation.data.column_names import TIME, guess_columns
 from palpate.estimation.data.file_columns import FileColumns, check_size, most_bytes, pa, pa_csv, pc
 from palpate.estimation.data.table_layout import matching_places, with_run
 from palpate.estimation.data.text_dialect import (
@@ -82,9 +81,7 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
         parts.append(part.select(matching_places(table.names, tests[0][0].names)))
         lines.append(part_lines)
     titles = tests[0][0].titles if len(parts) == 1 else ()
-    if len(parts) > 1 and (clock := _continued_clock(parts, dialect.decimal)):
-        notes.append(f"{len(parts)} parts are read as one recording, because '{clock}' continues")
-    elif len(parts) > 1:
+    if len(parts) > 1:
         parts = [with_run(part, str(number)) for number, part in enumerate(parts, 1)]
         notes.append(f"{len(parts)} tests one after the other, read as runs")
     numbers = np.concatenate(lines)
@@ -135,21 +132,6 @@ def _blocks(content: bytes, table: TextTable, end: int, delimiter: str) -> list[
 
 
 _COMMENT_LINE = re.compile(rb"\n[ \t]*(?:[#%!]|//)[^\n]*")
-
-
-def _continued_clock(parts: Sequence[pa.Table], decimal: str) -> str:
-    """Return the clock that continues from part to part, as in a table split into pages; empty for none."""
-    clocks = [guess.column for guess in guess_columns(parts[0].column_names) if guess.key == TIME]
-    if len(clocks) != 1 or not all(map(len, parts)):
-        return ""
-    ends = []
-    for part in parts:
-        cells = (str(part.column(clocks[0])[row].as_py()) for row in (0, max(-2, -len(part)), -1))
-        ends.append([number_of(cell.replace(decimal, ".")) for cell in cells])
-    first, last_but_one, last = np.array(ends).T
-    gaps, steps = first[1:] - last[:-1], last - last_but_one
-    steps = np.where(steps > 0.0, steps, steps.max())  # one row between comments has no step
-    return clocks[0] if ((gaps > 0.0) & (gaps <= _ONE_STEP * steps[:-1])).all() else ""
 
 
 def _parse_rows(
@@ -253,7 +235,6 @@ def _end_of_rows(content: bytes, table: TextTable, end: int, delimiter: str) -> 
     return end
 
 
-_ONE_STEP = 2.0  # largest interval between two parts of a recording, in steps of the clock
 _CONTROLS = bytes(set(range(32)) - set(b"\t\n\r\f\x1a\x1b")) + b"\x7f\x81\x8d\x8f\x90\x9d"  # not in a text
 _LOOKED_AT = 1 << 16  # bytes
 

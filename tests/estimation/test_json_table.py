@@ -82,16 +82,6 @@ def test_first_row_may_name_the_columns_and_lists_are_skipped(tmp_path):
     assert read_table(path).notes == ("columns of other lengths left out: temperature",)
 
 
-def test_true_among_numbers_is_refused(tmp_path):
-    """A column of truths alone stays one, such as a flag of the contact."""
-    path = tmp_path / "press.json"
-    table = dict(COLUMNS)
-    table["force_N"] = [*table["force_N"][:7], True, *table["force_N"][8:]]
-    path.write_text(json.dumps(table))
-    with pytest.raises(InputError, match="row 8, column 'force_N': 'true' is not a finite number"):
-        import_file(path)
-
-
 def times_and_press(run):
     t = np.arange(60) * 0.01 + run
     return {"time_s": t.tolist(), "displacement_mm": (3.0 * np.sin(3.0 * t)).tolist(), "force_N": t.tolist()}

@@ -24,7 +24,6 @@ LAYOUTS = {
     "units of products": "Way\tForce\tTorque\tTime\nmm\tN\tkN·mm\tsec\n"
     + "".join(f"{x:.6f}\t{f:.6f}\t0\t{t:.6f}\n" for t, x, f in PRESS),
     "units above names": "(s),(mm),(N)\n" + NAMES + rows(),
-    "units alone": "s;mm;N\n" + rows(";", ","),
     "units in brackets between blanks": "Raw Data\nTime Displacement Force\n(s) (mm) (N)\n" + rows(" "),
     "quoted": '"Operator","A, B"\n\n"Time","Extension","Load"\n"(s)","(mm)","(N)"\n\n' + rows(),
     "grams, and the force first": "Force\tDistance\tTime\n(g)\t(mm)\t(sec)\n"
@@ -121,19 +120,6 @@ def test_matlab_structs_matrices_and_cells_give_columns(tmp_path):
     np.testing.assert_allclose(table.numbers("recorded 2"), FORCE_N)
 
 
-@pytest.mark.parametrize(("gap_s", "runs"), [(0.0, 1), (5.0, 2)])
-def test_pages_of_one_recording_are_one_run(tmp_path, gap_s, runs):
-    path, half = tmp_path / "pages.dat", len(TIME_S) // 2
-    written = rows().splitlines(keepends=True)
-    head = "Time [s],Travel [mm],Load [N]\n"
-    later = [
-        f"{time_s + gap_s},{line.split(',', 1)[1]}" for time_s, line in zip(TIME_S, written, strict=True)
-    ]
-    path.write_text(head + "".join(written[:half]) + "\n" + head + "".join(later[half:]))
-    (channel,) = import_file(path).channels
-    assert (len(channel), len(channel.runs)) == (len(TIME_S), runs)
-
-
 def test_columns_are_counted_in_the_whole_first_line_and_bounded(tmp_path):
     """The dialect is found in the first 256 KiB, and such a line is longer."""
     path, further = tmp_path / "wide.csv", 40_000
@@ -193,17 +179,6 @@ def test_blocks_between_comments_are_runs_of_one_table(tmp_path, mark, names):
     assert len(table) == 3 * len(lines)
     assert table.labels("run")[0] == ("1", "2", "3")
     assert table.names[0] == ("Time [s]" if names else "column 1")
-
-
-@pytest.mark.parametrize("single", [[], [*LINES[50:51], "# end of pause\n"]])
-def test_comment_inside_a_recording_does_not_divide_it(tmp_path, single):
-    path = tmp_path / "press.csv"
-    rest = LINES[51:] if single else LINES[50:]
-    path.write_text(HEADER + "".join([*LINES[:50], "# pause\n", "\n", *single, *rest]))
-    table = read_table(path)
-    assert len(table) == len(LINES)
-    assert "run" not in table.names
-    assert table.row_name(50) == "line 54"
 
 
 def test_displacement_in_proportion_to_the_force_is_noted(tmp_path):
