@@ -6,8 +6,55 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from palpate.estimation.data.quantity_words import CURRENT, WORDS, plain, without_accents
 from palpate.estimation.data.units import BRACKETED, SI, dimension_of, normalize_unit, read_as
+
+
+def _without_accents(text: str) -> str:
+    """Return a text without accents: "Déplacement" and "Deplacement" are one word."""
+    letters = unicodedata.normalize("NFKD", text)
+    return "".join(letter for letter in letters if not unicodedata.combining(letter))
+
+
+def _plain(text: str) -> str:
+    """Return a text in lower case without accents, the spelling used in `WORDS`."""
+    return _without_accents(text).lower()
+
+
+# English, German, French and Spanish. Words for strain and stress are excluded.
+_BY_QUANTITY = {
+    "time": """
+        t time times timestamp sec seconds clock millis micros zeit prüfzeit testzeit messzeit temps durée
+        tiempo
+    """,
+    "displacement": """
+        x z d depth disp displ displacement indentation deformation stroke extension compression travel
+        distance crosshead traverse deflection elongation weg standardweg traversenweg hub kolbenweg
+        verformung verschiebung eindringtiefe längenänderung déplacement allongement enfoncement course
+        desplazamiento extensión alargamiento carrera
+    """,
+    "force": """
+        f fz fn force load loadcell forcez kraft standardkraft prüfkraft normalkraft last charge fuerza carga
+    """,
+    "torque": """
+        iq tau tor trq torque torques effort efforts cur current currents moment drehmoment strom motorstrom
+        couple courant corriente momento
+    """,
+    "position": """
+        q ang angle angles theta pos position positions encoder encoders enc winkel posición ángulo
+    """,
+    "velocity": "v vel dq qd velocity speed omega rpm geschwindigkeit vitesse velocidad",
+    "run": "run trial cycle test rep repeat press versuch messung zyklus lauf essai ensayo",
+}
+
+WORDS: Mapping[str, frozenset[str]] = MappingProxyType(
+    {quantity: frozenset(map(_plain, words.split())) for quantity, words in _BY_QUANTITY.items()}
+)
+"""Words for each quantity, spelled as by `_plain`; words of three or more letters may be part of a name."""
+
+CURRENT = frozenset(
+    "cur current currents i iq strom motorstrom courant corriente".split()  # noqa: SIM905
+)
+"""Words for a motor's current, which may represent a torque."""
 
 RUN, PHASE = "run", "phase"
 
@@ -228,7 +275,6 @@ class RoleGuess:
     joint: int | None = None  # joint number in the name, None if it has none
     unit: str = ""  # normalized unit in the name; empty if it has none
     rank: int = _BY_NAME  # how well the name fits; palpate's own names rank highest
-    why: str = ""  # reason in words
     joint_name: tuple[str, ...] = ()  # further words in the name, such as the joint whose position it is
 
     @property
@@ -319,7 +365,7 @@ def _guess_tension_test(guess: RoleGuess) -> RoleGuess:
     if word is None:
         return guess
     quantity, usual_unit = _TENSION_TEST[word]
-    return RoleGuess(guess.column, quantity, None, unit or usual_unit, _BY_WORD, "by its name")
+    return RoleGuess(guess.column, quantity, None, unit or usual_unit, _BY_WORD)
 
 
 def is_unnamed(name: str) -> bool:
@@ -357,7 +403,7 @@ def words_of(name: str) -> list[str]:
     Args:
         name: name of a column.
     """
-    return re.findall(r"[^\W\d_]+", plain(_CAMEL.sub(" ", without_accents(name))))
+    return re.findall(r"[^\W\d_]+", _plain(_CAMEL.sub(" ", _without_accents(name))))
 
 
 def quantity_in(name: str) -> str:
@@ -387,17 +433,17 @@ def guess_column(name: str, *, anywhere: bool = False) -> RoleGuess:
     """
     if (match := _NAME.fullmatch(name.strip())) and (role := parse_role(name)):
         rank, joint = OWN_NAME if role.unit else _BY_NAME, int(match[2]) if match[2] else None
-        return RoleGuess(name, role.quantity, joint, role.unit, rank, "by its name")
-    if plain(name.strip()) in WORDS[RUN]:
-        return RoleGuess(name, RUN, why="by its name")
+        return RoleGuess(name, role.quantity, joint, role.unit, rank)
+    if _plain(name.strip()) in WORDS[RUN]:
+        return RoleGuess(name, RUN)
     stem, unit = split_unit(name)
-    words = re.findall(r"[^\W\d_]+|\d+", _CAMEL.sub(" ", without_accents(stem)))
+    words = re.findall(r"[^\W\d_]+|\d+", _CAMEL.sub(" ", _without_accents(stem)))
     numbers = [int(word) for word in words if word.isdecimal() and len(word) < 4]
-    letters = [plain(word) for word in words if not word.isdecimal()]
+    letters = [_plain(word) for word in words if not word.isdecimal()]
     joint = numbers[0] if len(numbers) == 1 else None
     is_goal = _GOAL & set(letters) and not {*letters} - _GOAL - _UNINFORMATIVE - WORDS["position"]
     if is_goal and dimension_of(unit) in {None, "angle"}:
-        return RoleGuess(name, "goal", joint, unit, _BY_WORD, "by a word in its name")
+        return RoleGuess(name, "goal", joint, unit, _BY_WORD)
     if _NOT_MEASURED & set(letters):
         return RoleGuess(name, "")
     is_count = not _COUNTS.isdisjoint(letters)
@@ -412,10 +458,9 @@ def guess_column(name: str, *, anywhere: bool = False) -> RoleGuess:
         joint = None
     # `WORDS` has none for acceleration.
     uninformative = WORDS.get(quantity, frozenset()) | _UNINFORMATIVE | _COUNTS
-    joint_name = tuple(word.lower() for word in words if plain(word) not in uninformative)
-    why = ("by this and other names", "by its unit", "by a word in its name", "by its name")[rank]
+    joint_name = tuple(word.lower() for word in words if _plain(word) not in uninformative)
     specified = next((units.get(quantity, "") for pattern, units in _INTERFACES if pattern.search(name)), "")
-    return RoleGuess(name, quantity, joint, unit or specified, rank, why, joint_name)
+    return RoleGuess(name, quantity, joint, unit or specified, rank, joint_name)
 
 
 def _match_words(whole: str, words: Sequence[str], unit: str, *, anywhere: bool) -> tuple[str, int]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.estimation.data.column_names import (
+    CURRENT,
     DISPLACEMENT,
     POSITION,
     PROXIES,
@@ -25,7 +26,6 @@ from palpate.estimation.data.column_names import (
 )
 from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.import_options import ImportOptions
-from palpate.estimation.data.quantity_words import CURRENT
 from palpate.estimation.data.table import Table
 from palpate.estimation.data.table_layout import clocks_of
 from palpate.estimation.data.units import (

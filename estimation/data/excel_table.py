@@ -100,7 +100,7 @@ def read_excel_table(path: Path, selected: str) -> FileColumns:
     notes += [f"sheet{'s' if len(names) > 1 else ''} {listed} of {len(book.sheet_names)}", *omitted]
     notes += preamble_notes(first.preamble)
     numbers = np.array([number for table in same_tables for number in table.numbers], dtype=np.int64)
-    return FileColumns(joined, first.decimal, tuple(notes), layout.titles, numbers)
+    return FileColumns(joined, first.decimal, tuple(notes), numbers)
 
 
 def _check_workbook(path: Path) -> None:

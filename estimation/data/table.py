@@ -291,7 +291,7 @@ def table_of(file: FileColumns, path: Path) -> Table:
     names, notes = columns.column_names, [*file.notes]
     rows = np.arange(1, columns.num_rows + 1) if file.rows is None else file.rows
     if tests := find_tests(names):
-        columns, places = stack_tests(columns, tests, file.titles, file.decimal)
+        columns, places = stack_tests(columns, tests, file.decimal)
         names, rows = columns.column_names, rows[places]
         notes.append(f"{len(tests)} tests side by side, read as runs")
     unique: list[str] = []  # unique names: the second "GPa" becomes "GPa (2)"

@@ -43,27 +43,24 @@ def find_tests(names: Sequence[str]) -> list[dict[str, int]]:
 
 
 def stack_tests(
-    columns: pa.Table, tests: Sequence[Mapping[str, int]], titles: Sequence[str], decimal: str
+    columns: pa.Table, tests: Sequence[Mapping[str, int]], decimal: str
 ) -> tuple[pa.Table, IntArray]:
     """Stack the rows of tests and add a run column; also return the original index of each row.
 
     Args:
         columns: columns of n rows.
         tests: result of `find_tests`.
-        titles: text above each column; it names the tests if there is a distinct title for each.
         decimal: decimal mark of numbers that are text.
     """
     repeated = [name for name, place in tests[0].items() if tests[1][name] != place]
-    named = [title for title in titles if title]
-    labels = named if len(set(named)) == len(tests) == len(named) else range(1, len(tests) + 1)
     parts, rows = [], []
-    for test, label in zip(tests, labels, strict=True):
+    for number, test in enumerate(tests, 1):
         cells = {name: columns.column(place) for name, place in test.items()}
         filled = np.logical_or.reduce([is_filled(cells[name]) for name in repeated])
         for name, column in cells.items():  # to text, since types may differ between tests
             if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
                 cells[name] = pc.replace_substring(column.cast(pa.string()), ".", decimal)
-        parts.append(with_run(pa.table(cells), str(label)).filter(pa.array(filled)))
+        parts.append(with_run(pa.table(cells), str(number)).filter(pa.array(filled)))
         rows.append(np.flatnonzero(filled))
     return pa.concat_tables(parts, promote_options="permissive"), np.concatenate(rows)
 

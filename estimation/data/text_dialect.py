@@ -44,7 +44,6 @@ class TableLayout:
     names: tuple[str, ...]  # column names; units from a row of units follow in brackets
     first: int  # index of the first row of numbers
     header: int  # index of the row of names
-    titles: tuple[str, ...] = ()  # cells of the row above the names
 
 
 def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[TableLayout]:
@@ -70,8 +69,7 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[TableL
             top, units = header[1][0], units_by_row[0] or units_by_row[1]
             place, names = header[1] if units_by_row[0] else header[0]
         full_names = _with_units(_clean_names(rows, place, names, width), units)
-        titles = tuple(" ".join(cell.split()) for cell in rows[top - 1]) if top else ()
-        yield TableLayout(full_names, first, top, titles)
+        yield TableLayout(full_names, first, top)
 
 
 def _is_body(body: Sequence[Sequence[str]], decimal: str) -> bool:
@@ -241,7 +239,6 @@ class TextTable:
     names: tuple[str, ...]  # column names
     head: int  # first byte of the header
     start: int  # first byte of the first row of numbers
-    titles: tuple[str, ...] = ()  # cells of the row above the header
     counts: bool = False  # whether the first column contains numbers
     numbers: int = 0  # number of columns with numbers
 
@@ -286,7 +283,7 @@ def find_dialect(content: bytes) -> TextDialect | None:
         named = tuple(name or f"column {number}" for number, name in enumerate(names, 1))
         dialect = _dialect(lines, first)
         counts = len(lines) > 1 and is_number(line_cells(lines[1][1] + first, first)[0], dialect.decimal)
-        first_table = TextTable(named, begin, end, (), counts)
+        first_table = TextTable(named, begin, end, counts)
         return replace(dialect, tables=(first_table, *(t for t in dialect.tables if t.head > begin)))
     # A tab may be the delimiter, and is also a blank.
     separate = {*"".join(text for _, text in lines).replace("\t", "\t ")}
@@ -314,7 +311,7 @@ def _nameless_dialect(lines: list[tuple[int, str]]) -> TextDialect | None:
         columns, numbers = len(rows[0]), [sum(_are_numbers(row, decimal)) for row in rows]
         if columns >= MIN_NUMBERS <= min(numbers) and all(len(row) == columns for row in rows):
             words = sum(not is_missing(cell) for row in rows for cell in row) - sum(numbers)
-            table = TextTable(numbered_names(columns), begin, begin, (), True)
+            table = TextTable(numbered_names(columns), begin, begin, True)
             options.append((words, TextDialect(delimiter, decimal, (table,))))
     return min(options, key=lambda option: option[0], default=(0, None))[1]
 
@@ -357,7 +354,7 @@ def _dialect(lines: list[tuple[int, str]], delimiter: str) -> TextDialect:
         head, start = (lines[row][0] for row in (layout.header, layout.first))
         counts = is_number(rows[layout.first][0], decimal)
         numbers = max(sum(_are_numbers(row, decimal)) for row in rows[layout.first :][:3])
-        tables.append(TextTable(tuple(names[:width]), head, start, layout.titles, counts, numbers))
+        tables.append(TextTable(tuple(names[:width]), head, start, counts, numbers))
     return TextDialect(delimiter, decimal, tuple(tables))
 
 

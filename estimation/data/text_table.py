@@ -80,12 +80,11 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
         part, part_lines = _parse_rows(content, table, end, dialect, place)
         parts.append(part.select(matching_places(table.names, tests[0][0].names)))
         lines.append(part_lines)
-    titles = tests[0][0].titles if len(parts) == 1 else ()
     if len(parts) > 1:
         parts = [with_run(part, str(number)) for number, part in enumerate(parts, 1)]
         notes.append(f"{len(parts)} tests one after the other, read as runs")
     numbers = np.concatenate(lines)
-    return FileColumns(pa.concat_tables(parts), dialect.decimal, tuple(notes), titles, numbers, "line")
+    return FileColumns(pa.concat_tables(parts), dialect.decimal, tuple(notes), numbers, "line")
 
 
 def _read_text(path: Path) -> tuple[bytes, str]:
