@@ -18,6 +18,7 @@ _FORWARD, _STEP_RATIO = 0.8, 3.0
 _FEWEST_ROUNDED = 3  # number of values above which an even spacing indicates rounding
 # Share of the speed by which it changes, and of the runs in which it does, under constant efforts.
 _HALF = 0.5
+_OFF_GRID = 0.05  # largest distance of a rounded value from a multiple of the step, in steps
 _EVEN = 1e-3  # largest relative difference between the distances of evenly spaced values
 _PARTS, _STEPS = 20, 400  # a hold lasts one of these parts of a run, and begins at any of these steps
 _HOLD_SHARE = 0.05  # largest speed in a hold, relative to the mean speed
@@ -126,7 +127,8 @@ def is_stepwise_command(data: ChannelData) -> bool:
     other times. More than three evenly spaced values may be a rounded measurement of real steps, and are not
     called a command, unless the effort is constant in each run while the velocity changes by half or more:
     readings of a sensor would change there too. Two opposite values, and never zero between them, are always
-    a command, because a sensor that rounds has a reading near zero.
+    a command, because a sensor that rounds has a reading near zero. So are values that are not multiples of
+    one step apart.
 
     Args:
         data: the channel.
@@ -138,9 +140,10 @@ def is_stepwise_command(data: ChannelData) -> bool:
         speeds = [data.velocity[rows] for rows in rows_of_runs(data.run)]
         accelerates = [np.ptp(speed) > _HALF * np.max(np.abs(speed)) for speed in speeds]
         return len(levels) > 1 and bool(np.mean(accelerates) > _HALF)
-    if len(levels) == 2 and levels[0] == -levels[1]:
-        return True
     distances = np.diff(levels)
+    off_grid = np.abs(distances / distances.min() - np.round(distances / distances.min()))
+    if off_grid.max() > _OFF_GRID or (len(levels) == 2 and levels[0] == -levels[1]):
+        return True
     if len(levels) > _FEWEST_ROUNDED and np.ptp(distances) < _EVEN * distances.mean():
         return False
     at_steps, elsewhere = [np.zeros(0)], [np.zeros(0)]

@@ -73,6 +73,14 @@ def test_real_steps_are_recognized(levels):
     assert is_stepwise_command(data)
 
 
+def test_levels_on_no_common_grid_are_a_command_that_the_motion_may_follow_late():
+    data = motor((0.0, 0.4, 0.9), 0.9, runs=2, coulomb=0.1)
+    late = replace(data, effort=np.roll(data.effort, -20))
+    assert is_stepwise_command(late)
+    even = {0.0: 0.0, 0.4: 0.45, 0.9: 0.9}  # as a sensor rounds
+    assert not is_stepwise_command(replace(late, effort=np.vectorize(even.get)(late.effort)))
+
+
 def test_an_averaged_command_stays_a_command():
     data = motor((0.0, 0.4, 0.9), 0.935, runs=2, coulomb=0.1)
     averaged = decimate(block_average(data))
