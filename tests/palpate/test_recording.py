@@ -1,15 +1,17 @@
 """Rerun recordings of a session and of a model's revisions."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
 from palpate.render.build import result_view
 from palpate.render.recording.file import REVISION, TIME, shown_on
-from palpate.render.recording.revisions import HEIGHT, WIDTH, Chart, record_rerun, ticks
+from palpate.render.recording.revisions import HEIGHT, WIDTH, Chart, _revision_markdown, record_rerun, ticks
 from palpate.render.recording.scene import PICTURES_HZ, Scene, _load_urdf, _moving_joints, picture_rows
 from palpate.render.recording.session import record_session
-from palpate.render.view import StudyView
+from palpate.render.view import BudgetView, StudyView
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import Event
 from palpate.study import Study
@@ -152,6 +154,8 @@ def test_recording_shows_error_noise_and_added_effect_of_each_revision(result, c
     texts = dict(rows_of(chunks, "/contact/words", "TextDocument:text"))
     assert "base model" in texts[0][0]
     assert "**+ cubic_stiffness**" in texts[2][0]
+    judged = replace(result_view(result), budget=BudgetView("Of the 3 N error: relaxation 90 %.", ()))
+    assert _revision_markdown(judged, 2).splitlines()[:3] == [judged.budget.sentence, "", "### Revision 2"]
 
 
 def test_chart_maps_its_corners_to_the_corners():

@@ -135,8 +135,8 @@ def record_rerun(view: StudyView, path: Path) -> None:
     """Write the recording, completely or not at all.
 
     If effects were added, timeline `revision` shows curves, residual, error and sentences of each revision,
-    beside those of revision 0 in gray. If a diagnosis is known, a tab describes its error budget. Timeline
-    `time` shows measurement, models and motion over time.
+    beside those of revision 0 in gray. If a diagnosis is known, the sentence of its error budget comes first,
+    and a tab has the budget's table. Timeline `time` shows measurement, models and motion over time.
 
     Args:
         view: all channels.
@@ -187,17 +187,7 @@ def record_rerun(view: StudyView, path: Path) -> None:
             send_lines(recording, f"{channel.name}/error", revisions, levels)
             for number in range(len(channel.stages)):
                 recording.set_time(REVISION, sequence=number)
-                stage, unit = channel.stages[number], channel.axes.effort_unit
-                kind = "" if number else ", the base model"
-                error = f"held-out error **{with_unit(stage.rmse, unit, 4)}**, "
-                error += f"{channel.noise_label} {with_unit(channel.noise_level, unit, 4)}"
-                lines = [f"### Revision {number}", f"**{stage.label}**{kind}", "", error, ""]
-                lines += [f"`{effect.name}` {effect.equation}  " for effect in stage.effects]
-                lines += ["", "| parameter | value | 95 % interval | unit |", "|---|---|---|---|"]
-                for parameter in stage.parameters:
-                    cells = [parameter.name, *with_interval(parameter), parameter.unit]
-                    lines.append(f"| {' | '.join(cells)} |")
-                recording.log(f"{channel.name}/words", markdown("\n".join(lines)))
+                recording.log(f"{channel.name}/words", markdown(_revision_markdown(channel, number)))
             recording.reset_time()
         for channel in drawn:
             # measurement, first and last model, their residuals, and the motion
@@ -213,6 +203,22 @@ def record_rerun(view: StudyView, path: Path) -> None:
             for what, values in (("position", channel.position), ("velocity", channel.velocity)):
                 motion = {what: (values, palette.MEASURED, 1.2)}
                 send_lines(recording, f"{place}/{what}", channel.time_s, motion)
+
+
+def _revision_markdown(channel: ChannelView, number: int) -> str:
+    """Describe a revision of a model as Markdown, below the error budget of the base model."""
+    stage, unit = channel.stages[number], channel.axes.effort_unit
+    kind = "" if number else ", the base model"
+    error = f"held-out error **{with_unit(stage.rmse, unit, 4)}**, "
+    error += f"{channel.noise_label} {with_unit(channel.noise_level, unit, 4)}"
+    lines = [f"{channel.budget.sentence}\n"] if channel.budget else []
+    lines += [f"### Revision {number}", f"**{stage.label}**{kind}", "", error, ""]
+    lines += [f"`{effect.name}` {effect.equation}  " for effect in stage.effects]
+    lines += ["", "| parameter | value | 95 % interval | unit |", "|---|---|---|---|"]
+    for parameter in stage.parameters:
+        cells = [parameter.name, *with_interval(parameter), parameter.unit]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
 
 
 def _log_curves(recording: rr.RecordingStream, channel: ChannelView) -> None:
