@@ -142,7 +142,7 @@ def read_mat(path: Path) -> FileColumns:
             array = np.array(cells) if len(shapes) == 1 and len(shapes[0]) == 1 else value
             vectors |= _vectors(name, array)
     if not vectors:
-        held = list_first([f"{name} ({type(value).__name__})" for name, value in named])
+        held = list_first([f"{name} ({_kind_of(value)})" for name, value in named])
         only = f", only {held}" if held else ""
         raise InputError(
             f"{path}: holds no vectors{only}; a measurement needs at least three: time, motion and effort"
@@ -159,6 +159,18 @@ def _vectors(name: str, array: NDArray[Any]) -> dict[str, NDArray[Any]]:
     if array.dtype.kind in "biuf" and array.ndim == 2 and array.shape[0] != array.shape[1]:
         return matrix_columns(name, array if array.shape[0] > array.shape[1] else array.T)
     return {}
+
+
+def _kind_of(value: object) -> str:
+    """Return what a variable of a MATLAB file is, in words for an error message."""
+    if isinstance(value, Mapping):
+        return "a struct"
+    array = np.asarray(value)
+    if array.dtype.kind == "U":
+        return "text"
+    if array.dtype.kind not in "biuf":
+        return "an object; save its vectors as variables"
+    return f"numbers of shape {array.shape}" if array.ndim else "one number"
 
 
 def _scope_signals(scope: Mapping[str, Any]) -> list[tuple[str, Any]]:

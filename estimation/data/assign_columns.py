@@ -27,11 +27,14 @@ from palpate.estimation.data.column_names import (
     TIME,
     Key,
     Role,
+    RoleGuess,
     channel_pairs,
     guess_columns,
+    is_absolute,
     parse_role,
     role_of_option,
     si_unit,
+    split_unit,
     unit_in_name,
 )
 from palpate.estimation.data.column_units import AssignedColumn, Chosen, ColumnUnits
@@ -44,6 +47,7 @@ from palpate.estimation.data.units import (
     dimension_of,
     invalid_rows,
     scaled_unit,
+    si_factor,
 )
 from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.robot_io.errors import InputError
@@ -110,6 +114,15 @@ class ColumnAssignment:
         """Names of the numeric columns that are not used and not constant."""
         used = self.used
         return tuple(name for name in self.table.names if name not in used and self.table.varies(name))
+
+    @cached_property
+    def unused_velocities(self) -> tuple[RoleGuess, ...]:
+        """Unused complete columns that hold a velocity according to their names and units."""
+        unused, table = set(self.unused), self.table
+        has_rates = any((dimension_of(unit_in_name(name)) or "").endswith("_rate") for name in unused)
+        guesses = guess_columns(table.names) if has_rates else ()
+        named = (g for g in guesses if g.quantity == "velocity" and g.unit and g.column in unused)
+        return tuple(g for g in named if len(invalid_rows(table.numbers(g.column))) == 0)
 
     @cached_property
     def run_candidate(self) -> str:
@@ -196,15 +209,18 @@ def assign_columns(table: Table, options: ImportOptions) -> ColumnAssignment:
     table, rate_notes = _with_one_rate(table, time, efforts, motions, run)
     notes += rate_notes
     chosen, position_notes = _press_or_axis(ColumnUnits(table, options), chosen)
-    notes += [*_note_proportional(table, chosen), *_note_other_columns(table, chosen, options)]
+    original = table
+    table, chosen, sensor_notes = _subtract_deflection(table, chosen, options)
+    notes += [*sensor_notes, *_note_other_columns(original, chosen, options)]
     units = ColumnUnits(table, options)
     chosen = dict(sorted(chosen.items(), key=lambda item: table.names.index(item[1][1])))
+    units.check_force_of_angle(chosen)
     units.check_known(chosen)
     assigned = {key: units.assign(role, name) for key, (role, name) in chosen.items()}
     units.check_used(chosen)
     assigned, two_sided, sign_notes = _orient_signs(units, assigned)
     phase = options.columns.get(PHASE, PHASE if PHASE in table.names else None)
-    notes += [*position_notes, *sign_notes]
+    notes += [*_note_preamble(units, chosen, assigned), *position_notes, *sign_notes]
     return ColumnAssignment(table, assigned, run, phase, tuple(notes), two_sided, shift)
 
 
@@ -315,23 +331,60 @@ def _press_or_axis(units: ColumnUnits, chosen: Chosen) -> tuple[Chosen, list[str
     return chosen, as_axis
 
 
-def _note_proportional(table: Table, chosen: Chosen) -> Iterator[str]:
-    """Yield a note if the displacement is proportional to the force, as the deflection of a force sensor."""
+def _subtract_deflection(
+    table: Table, chosen: Chosen, options: ImportOptions
+) -> tuple[Table, Chosen, list[str]]:
+    """Note a displacement that is proportional to the force, and replace it if it is a deflection.
+
+    The deflection of a force sensor, such as the cantilever of an atomic force microscope, is proportional
+    to the force. The indentation is the displacement of the sensor's other end minus this deflection.
+    """
     if not {DISPLACEMENT, FORCE} <= set(chosen):
-        return
+        return table, chosen, []
     column, force = chosen[DISPLACEMENT][1], chosen[FORCE][1]
     way, effort = table.numbers(column), table.numbers(force)
     if abs(correlation_coefficient(way, effort)) < 1.0 - _MAX_ROUNDING:
-        return
+        return table, chosen, []
     line = np.polyfit(way, effort, 1)
     steps = [float(np.diff(np.unique(values)).min()) for values in (way, effort)]
     rounding = max(abs(line[0]) * steps[0] + steps[1], _MIN_ROUNDING * np.ptp(effort))
-    if np.abs(effort - np.polyval(line, way)).max() <= rounding <= _MAX_ROUNDING * np.ptp(effort):
-        yield (
-            f"'{column}' is proportional to '{force}' within rounding: one may be computed from the other, "
-            "or the stiffness is that of the force sensor, as for the deflection of a cantilever; if another "
-            "column holds the displacement, add --column displacement=COLUMN"
+    if rounding > _MAX_ROUNDING * np.ptp(effort) or np.abs(effort - np.polyval(line, way)).max() > rounding:
+        return table, chosen, []
+    fact, is_named = f"'{column}' is proportional to '{force}'", column in options.columns.values()
+    guesses = [g for g in guess_columns(table.names) if g.key == DISPLACEMENT and g.column != column]
+    bases = [g.column for g in guesses if dimension_of(g.unit) == "length" and table.varies(g.column)]
+    unit = unit_in_name(column)
+    if is_named or len(bases) != 1 or dimension_of(unit) != "length" or "deflection" not in column.lower():
+        note = (
+            f"{fact} within rounding: one may be computed from the other, or the stiffness is that of the "
+            "force sensor; if another column holds the displacement, add --column displacement=COLUMN"
         )
+        return table, chosen, [note]
+    stem, base_unit = split_unit(bases[0])
+    base, scale = table.numbers(bases[0]), si_factor(unit) / si_factor(base_unit)
+    scale *= np.sign(correlation_coefficient(base, way))
+    name = f"{stem.strip()} minus {split_unit(column)[0].strip()} [{base_unit}]"
+    note = (
+        f"{fact}, as the deflection of a force sensor or cantilever is: the displacement is '{bases[0]}' "
+        f"minus '{column}'; --column displacement={shlex.quote(column)} reads that column alone"
+    )
+    table = replace(table, columns=table.columns.append_column(name, pa.array(base - scale * way)))
+    return table, chosen | {DISPLACEMENT: (Role(*DISPLACEMENT, base_unit), name)}, [note]
+
+
+def _note_preamble(units: ColumnUnits, chosen: Chosen, assigned: dict[Key, AssignedColumn]) -> Iterator[str]:
+    """Yield a note for each quantity to which a line above the header gives another unit than its column."""
+    for key, (role, column) in chosen.items():
+        source = assigned.get(key)
+        if source is None or units.option_names(role, column):
+            continue
+        above = ((line, u) for line, u in units.units_above(key[0]) if dimension_of(u) == source.dimension)
+        line, unit = next(above, ("", ""))
+        if unit and si_factor(unit) != abs(source.factor):
+            yield (
+                f"the line '{line:.60}' above the header contradicts column '{column}', which is "
+                f"read in {source.unit}; if {unit} is right, add --unit {role.numbered}={unit}"
+            )
 
 
 def _note_other_columns(table: Table, chosen: Chosen, options: ImportOptions) -> Iterator[str]:
@@ -343,7 +396,7 @@ def _note_other_columns(table: Table, chosen: Chosen, options: ImportOptions) ->
         alike = (g.column for g in guesses if g.key == key and dimension_of(g.unit) == dimension)
         others = [f"'{name}'" for name in alike if table.varies(name)]
         is_checked = key[0] in (*EFFORTS, DISPLACEMENT[0]) and column not in options.columns.values()
-        if is_checked and dimension and others:
+        if is_checked and column in table.names and dimension and others:
             yield (
                 f"'{column}' is read as the {key[0]}, and not {list_first(others)}; if "
                 f"another column holds it, add --column {role.numbered}=COLUMN"
@@ -365,8 +418,16 @@ def _orient_signs(
     scaled = {key for key in (DISPLACEMENT, FORCE) if assigned[key].is_fixed}
     factors = {DISPLACEMENT: sides.displacement, FORCE: sides.force}
     flipped = {key: assigned[key].column for key in factors if factors[key] < 0.0 and key not in scaled}
+    is_magnitude = is_absolute(force.column) and units.table.numbers(force.column).min() >= 0.0
+    keeps_sign = is_magnitude and flipped.pop(FORCE, None) is not None
     result = assigned | {key: replace(assigned[key], factor=-assigned[key].factor) for key in flipped}
     notes = []
+    if keeps_sign:
+        notes.append(
+            f"'{force.column}' holds absolute values according to its name, so its sign is kept, although "
+            f"it falls where '{depth.column}' rises; if another column holds the force with its sign, add "
+            "--column force=COLUMN"
+        )
     if flipped:
         keep = " ".join(f"--unit {key[0]}={assigned[key].fixed_unit}" for key in flipped)
         are, signs = ("are", "their signs are") if len(flipped) > 1 else ("is", "its sign is")

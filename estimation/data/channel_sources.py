@@ -3,6 +3,9 @@
 import shlex
 from collections.abc import Collection
 from dataclasses import dataclass
+from itertools import compress
+
+import numpy as np
 
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.data.assign_columns import ColumnAssignment
@@ -29,6 +32,8 @@ from palpate.robot_io.errors import InputError
 
 # Usual units of the quantities of a channel.
 _UNITS = {"displacement": "mm", "force": "N", "position": "rad", "torque": "Nm"}
+_RISES = 0.9  # least share of rows in which a clock rises; it may restart in each run
+_MIN_COLUMNS = 3  # least number of columns of which one may be a clock
 
 
 @dataclass(frozen=True)
@@ -81,6 +86,11 @@ def channel_sources(columns: ColumnAssignment) -> list[ChannelSource]:
     if NAMELESS in table.notes:
         cells = list_first([table.labels(name)[0][0] for name in table.names])
         first_row = f" (the file has no column names; its first row is {cells})"
+    if len(table.names) == 1:
+        raise InputError(
+            f"{table.path}: holds only one column, '{table.names[0]}'; a measurement needs at least three: "
+            "time, motion and effort; if other files hold them, give all these files"
+        )
     reason = f"no channel can be made of columns {table.listed_names}{first_row}"
     raise InputError(f"{table.path}: {reason}; {_suggest_columns(columns)}")
 
@@ -119,21 +129,20 @@ def check_options_are_used(
 def _check_dimensions(columns: ColumnAssignment) -> None:
     """Raise an error if a joint has an angle with a force, or a length with a torque."""
     for (quantity, joint), position in columns.assigned.items():
-        turns = position.dimension == "angle"
-        effort = columns.assigned.get(("force" if turns else "torque", joint))
-        if quantity != "position" or effort is None:
+        other_effort = ("force" if position.dimension == "angle" else "torque", joint)
+        if quantity != "position" or other_effort not in columns:
             continue
-        remedy = "correct one with --unit or --column"
-        if turns or effort.dimension == "current":
-            option = columns.role(("torque" if turns else "force", joint)).numbered
-            case, unit = "it is the current of a linear motor with 20 N/A", "20N/A"
-            if turns:
-                case, unit = "the force acts on a lever arm of 0.1 m", f"{0.1 * effort.factor:g}Nm"
-            remedy = f"if {case}, add --column {option}={shlex.quote(effort.column)} --unit {option}={unit}"
+        effort, correction = columns.assigned[other_effort], "correct one with --unit or --column"
+        if effort.dimension == "current":
+            force = columns.role(("force", joint)).numbered
+            correction = (
+                "if it is the current of a linear motor with 20 N/A, add "
+                f"--column {force}={shlex.quote(effort.column)} --unit {force}=20N/A"
+            )
         raise InputError(
             f"{columns.table.path}: column '{position.column}' is in {position.unit} and "
             f"'{effort.column}' in {effort.unit}: a torque goes with an angle (rad, deg), a force with a "
-            f"length (m, mm); {remedy}"
+            f"length (m, mm); {correction}"
         )
 
 
@@ -147,20 +156,19 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
     # The columns of a matrix in a MATLAB file, "data 1" ..., have no names either.
     stems = {name.rstrip("0123456789") for name in table.names}
     if NAMELESS in table.notes or (len(stems) == 1 and not any(map(quantity_in, table.names))):
-        return (
-            f"{needed}; the meaning of each column is unknown; name the columns, as in "
-            "--column displacement_mm=COLUMN --column force_N=COLUMN"
-        )
+        example = _options_without_names(columns)
+        return f"{needed}; the meaning of each column is unknown; name the columns, as in {example}"
     found: dict[str, str] = {}  # column of each quantity
     guesses = guess_columns(table.names, clocks_of(table.columns))
     dimension_by_name = {name: dimension_of(unit_in_name(name)) for name in table.names}
     # Angles come first, and quantities that may stand for a force last.
     guesses.sort(key=lambda g: (not is_angle(g.column), dimension_by_name[g.column] in PROXIES))
     for guess in guesses:
-        dimension = dimension_by_name[guess.column]
-        by_unit = next((quantity for quantity in _UNITS if dimension in QUANTITIES[quantity]), "")
-        if table.numeric_share(guess.column) > 0.5:
-            found.setdefault(guess.quantity or quantity_in(guess.column) or by_unit, guess.column)
+        name, dimension = guess.column, dimension_by_name[guess.column]
+        by_unit = (quantity for quantity in _UNITS if dimension in QUANTITIES[quantity])
+        quantity = guess.quantity or quantity_in(name) or next(by_unit, "")
+        if table.numeric_share(name) > 0.5:
+            found.setdefault(quantity, name)
     found |= {key[0]: assigned.column for key, assigned in columns.assigned.items()}
     if found.keys().isdisjoint(EFFORTS):
         return (
@@ -173,9 +181,41 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         found.setdefault("torque", found.get("force", ""))
     elif "position" in found:
         found.setdefault("displacement", found["position"])
-    units = _UNITS | {key[0]: assigned.unit for key, assigned in columns.assigned.items()}
-    options = [
-        f"--column {quantity}_{units[quantity]}={shlex.quote(found.get(quantity, 'COLUMN'))}"
-        for quantity in (("position", "torque") if turns else ("displacement", "force"))
-    ]
+    options = [f"--column time={shlex.quote(found['time'])}"] if "time" in found else []
+    given = {key[0]: assigned.unit for key, assigned in columns.assigned.items()}
+    for quantity in ("position", "torque") if turns else ("displacement", "force"):
+        unit = _UNITS[quantity]
+        if quantity not in found:
+            options.append(f"--column {quantity}_{unit}=COLUMN")
+            continue
+        options.append(f"--column {quantity}={shlex.quote(found[quantity])}")
+        dimension = dimension_by_name[found[quantity]]
+        if quantity in given and not unit_in_name(found[quantity]):
+            options.append(f"--unit {quantity}={shlex.quote(given[quantity])}")
+        elif dimension not in QUANTITIES[quantity]:  # the leading 1 overrides the unit in the column's name
+            options.append(f"--unit {quantity}={'1' if dimension else ''}{unit}")
     return f"{needed}; name the columns, as in {' '.join(options)}"
+
+
+def _options_without_names(columns: ColumnAssignment) -> str:
+    """Return options for columns without names: a clock as the time, the smoother other one as the motion."""
+    table, given = columns.table, {key[0] for key in columns.assigned}
+    left = [name for name in table.names if name not in columns.used]
+    valid = [name for name in left if table.varies(name)]
+    options = []
+    if "time" not in given and len(left) >= _MIN_COLUMNS:
+        clocks = clocks_of(table.columns)
+        is_clock = (name in clocks or np.mean(np.diff(table.numbers(name)) > 0.0) > _RISES for name in valid)
+        clock = next(compress(valid, is_clock), None)
+        if clock is not None:
+            options.append(f"--column time={shlex.quote(clock)}")
+            left.remove(clock)
+            valid.remove(clock)
+    valid.sort(key=lambda name: np.abs(np.diff(table.numbers(name))).sum() / np.ptp(table.numbers(name)))
+    needed = [quantity for quantity in ("displacement", "force") if quantity not in given]
+    contact = map(shlex.quote, valid) if len(left) == len(valid) == len(needed) else ["COLUMN"] * len(needed)
+    options += [
+        f"--column {quantity}_{_UNITS[quantity]}={name}"
+        for quantity, name in zip(needed, contact, strict=True)
+    ]
+    return " ".join(options)

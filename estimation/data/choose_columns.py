@@ -18,6 +18,8 @@ from palpate.estimation.data.column_names import (
     channel_pairs,
     guess_column,
     guess_columns,
+    quantity_in,
+    unit_in_name,
 )
 from palpate.estimation.data.column_units import Chosen, ColumnUnits
 from palpate.estimation.data.table import Table
@@ -31,6 +33,8 @@ EFFORTS = ("force", "torque")
 _DERIVABLE = frozenset({"velocity", "acceleration"})
 _MAX_OPPOSITE_FORCE = 0.2  # largest force of opposite sign in a press, relative to the largest force
 _PRESS_CORRELATION = 0.3  # least correlation of position and force in a press
+# Most levels of a parameter, and largest share of steps between rows at which it changes.
+_MAX_LEVELS, _MAX_CHANGING = 20, 0.2
 _START_SHARE = 0.05  # first share of the travel, in which a linear axis already needs its force
 
 
@@ -53,7 +57,14 @@ def choose_columns(
             is not a number.
     """
     table = units.table
-    guessed = guess_columns(table.names, clocks_of(table.columns))
+    as_time = {name for name in table.names if units.option_names(Role(*TIME, "", shift), name)}
+    parameters = [
+        name
+        for name in table.names
+        if name not in reserved and name not in as_time and _is_parameter_named_as_time(table, name)
+    ]
+    candidates = [name for name in table.names if name not in parameters]
+    guessed = guess_columns(candidates, clocks_of(table.columns))
     numbered = [
         replace(g, joint=g.joint + shift) if g.joint is not None and g.quantity in JOINT_QUANTITIES else g
         for g in guessed
@@ -120,6 +131,22 @@ def _keys_of_channels(available: Collection[Key], lengths: Collection[Key] = ())
     pairs = channel_pairs(available, lambda motion, effort: motion not in lengths or effort[0] != "torque")
     pairs = pairs or channel_pairs(available)
     return [TIME, *chain.from_iterable(pairs)] if pairs else []
+
+
+def _is_parameter_named_as_time(table: Table, name: str) -> bool:
+    """Return whether a column that may be named after the time, such as "T", holds levels of a parameter.
+
+    A thickness or a temperature has few levels, each in many consecutive rows. A clock that is coarser than
+    the rows has many. A name with a word for the time, or with a unit of time, is always a clock.
+    """
+    is_clear = quantity_in(name) == TIME[0] or dimension_of(unit_in_name(name)) == "time"
+    if is_clear or guess_column(name).key != TIME or name in clocks_of(table.columns):
+        return False
+    if table.numeric_share(name) < 1.0:
+        return False
+    values = table.numbers(name)
+    changing = np.count_nonzero(np.diff(values)) / max(len(values) - 1, 1)
+    return bool(0.0 < changing <= _MAX_CHANGING and len(np.unique(values)) <= _MAX_LEVELS)
 
 
 def is_pressed(position: FloatArray, force: FloatArray) -> bool:

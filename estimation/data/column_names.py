@@ -6,55 +6,8 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from palpate.estimation.data.units import BRACKETED, SI, dimension_of, normalize_unit, read_as
-
-
-def _without_accents(text: str) -> str:
-    """Return a text without accents: "Déplacement" and "Deplacement" are one word."""
-    letters = unicodedata.normalize("NFKD", text)
-    return "".join(letter for letter in letters if not unicodedata.combining(letter))
-
-
-def _plain(text: str) -> str:
-    """Return a text in lower case without accents, the spelling used in `WORDS`."""
-    return _without_accents(text).lower()
-
-
-# English, German, French and Spanish. Words for strain and stress are excluded.
-_BY_QUANTITY = {
-    "time": """
-        t time times timestamp sec seconds clock millis micros zeit prüfzeit testzeit messzeit temps durée
-        tiempo
-    """,
-    "displacement": """
-        x z d depth disp displ displacement indentation deformation stroke extension compression travel
-        distance crosshead traverse deflection elongation weg standardweg traversenweg hub kolbenweg
-        verformung verschiebung eindringtiefe längenänderung déplacement allongement enfoncement course
-        desplazamiento extensión alargamiento carrera
-    """,
-    "force": """
-        f fz fn force load loadcell forcez kraft standardkraft prüfkraft normalkraft last charge fuerza carga
-    """,
-    "torque": """
-        iq tau tor trq torque torques effort efforts cur current currents moment drehmoment strom motorstrom
-        couple courant corriente momento
-    """,
-    "position": """
-        q ang angle angles theta pos position positions encoder encoders enc winkel posición ángulo
-    """,
-    "velocity": "v vel dq qd velocity speed omega rpm geschwindigkeit vitesse velocidad",
-    "run": "run trial cycle test rep repeat press versuch messung zyklus lauf essai ensayo",
-}
-
-WORDS: Mapping[str, frozenset[str]] = MappingProxyType(
-    {quantity: frozenset(map(_plain, words.split())) for quantity, words in _BY_QUANTITY.items()}
-)
-"""Words for each quantity, spelled as by `_plain`; words of three or more letters may be part of a name."""
-
-CURRENT = frozenset(
-    "cur current currents i iq strom motorstrom courant corriente".split()  # noqa: SIM905
-)
-"""Words for a motor's current, which may represent a torque."""
+from palpate.estimation.data.quantity_words import CURRENT, WORDS, plain, without_accents
+from palpate.estimation.data.units import BRACKETED, SI, dimension_of, normalize_unit, read_as, scaled_unit
 
 RUN, PHASE = "run", "phase"
 
@@ -94,7 +47,9 @@ _BRACKETED = re.compile(r"\s*[\[({<]\s*(?!\d+\s*\])([^\])}>]*?)\s*[\])}>]\s*$") 
 RUN_AFTER_UNIT = re.compile(  # as in "Force (N) Run #1"
     r"(?<=[])}]) (?:run|test|trial|specimen) ?#? ?\d+$", re.IGNORECASE
 )
+SENSITIVITY = re.compile(r"\s*[\[({]\s*([\d.][^\])}]*/[^\])}]*)[\])}]")  # as in "Load [V] (5 N/V)"
 _CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
+_BRACKETED_IN_FRONT = re.compile(r"^\s*[\[({<]\s*([^\])}>]+?)\s*[\])}>]\s*(?=\S)")  # "[mm] Travel"
 _UNIT_AFTER_SIGN = re.compile(r"\s*(?:/|,|:|\||\bin\b)\s*([^\s/,:|]+)\s*$")
 
 
@@ -159,13 +114,18 @@ def split_unit(name: str) -> tuple[str, str]:
     """Split a column's name into the part before its unit and the normalized unit; empty if unknown.
 
     Units are in brackets, after a slash, a comma or "in", or at the end: "Weg / mm", "load_mN", "Load N".
-    The number of a run may follow the brackets.
+    The number of a run may follow the brackets. Brackets with a unit may also be in front: "[mm] Weg".
 
     Args:
         name: name of a column.
     """
     name = unicodedata.normalize("NFKC", name)  # converts full-width characters
-    match = _BRACKETED.search(name := RUN_AFTER_UNIT.sub("", name))
+    name = _unit_behind(RUN_AFTER_UNIT.sub("", name))
+    if stated := SENSITIVITY.search(name):
+        stem, own = split_unit(SENSITIVITY.sub("", name))
+        if dimension_of(own) in PROXIES and (unit := _unit_by_sensitivity(normalize_unit(stated[1]), own)):
+            return stem, unit
+    match = _BRACKETED.search(name)
     stem, _, last = name.strip().rpartition(" ")
     if not match and stem and "/" in last and dimension_of(unit := normalize_unit(last)):
         return stem.removesuffix(" in"), unit
@@ -180,9 +140,30 @@ def split_unit(name: str) -> tuple[str, str]:
             continue
         for mark in ("_", ""):  # "mm s" may be mm/s, "kgf cm" is a product
             ending = normalize_unit(mark.join(parts[-count:]))
-            if dimension_of(ending) and ending not in BRACKETED:
+            if dimension_of(ending) and ending not in BRACKETED and "×" not in ending:
                 return "_".join(parts[:-count]), ending
     return name, ""
+
+
+def _unit_by_sensitivity(sensitivity: str, own: str) -> str:
+    """Return the unit of numbers in `own` by a sensitivity, such as "×5.0N" for "5N_V" or "0.2V_N"."""
+    scale, unit = scaled_unit(sensitivity, own)
+    if "_" in unit:  # volts per newton
+        above, _, unit = unit.partition("_")
+        below, scale = f"1{unit}_{above}", 1.0 / scale if scale else 0.0
+        ratio, unit = scaled_unit(normalize_unit(below), own)
+        scale *= ratio
+    return f"×{scale:.12g}{unit}" if scale and dimension_of(unit) in {"force", "torque", "length"} else ""
+
+
+def _unit_behind(name: str) -> str:
+    """Move a unit in brackets, if it is the only one, from the front of a name to its end: "Weg [mm]"."""
+    front, end = _BRACKETED_IN_FRONT.match(name), _BRACKETED.search(name)
+    if not front or not dimension_of(normalize_unit(front[1])):
+        return name
+    if end and dimension_of(normalize_unit(end[1])):
+        return name
+    return f"{name[front.end() :].rstrip()} [{front[1]}]"
 
 
 def unknown_unit(name: str) -> str:
@@ -191,7 +172,7 @@ def unknown_unit(name: str) -> str:
     Args:
         name: name of a column.
     """
-    match = _BRACKETED.search(_REPEATED.sub("", unicodedata.normalize("NFKC", name)))
+    match = _BRACKETED.search(_unit_behind(_REPEATED.sub("", unicodedata.normalize("NFKC", name))))
     if match and not dimension_of(normalize_unit(match[1])):
         return match[1]
     return next((word for word in re.findall(r"[a-z]+", name.lower()) if word in _COUNTS), "")
@@ -209,6 +190,15 @@ def holds_counts(name: str) -> bool:
 def unit_in_name(name: str) -> str:
     """Return the normalized unit in a column's name; empty without a known unit."""
     return split_unit(_REPEATED.sub("", name))[1]
+
+
+def is_absolute(name: str) -> bool:
+    """Return whether a column holds absolute values, by a word in its name.
+
+    Args:
+        name: name of a column.
+    """
+    return not _ABSOLUTE.isdisjoint(words_of(name))
 
 
 def is_angle(name: str) -> bool:
@@ -232,6 +222,9 @@ def si_unit(dimension: str) -> str:
 
 _COUNTS = frozenset(["counts", "count", "ticks", "raw", "adc", "lsb"])  # numbers without a known unit
 _ANGLES = frozenset("angle angles theta winkel angulo angolo encoder encoders enc".split())  # noqa: SIM905
+# Durations that have a unit of time but are no clock.
+_NO_CLOCK = frozenset(["pwm", "pulse", "esc", "delay", "latency", "lag"])
+_ABSOLUTE = frozenset(["abs", "absolute", "absolut", "betrag", "magnitude"])
 _ENCODER = frozenset(["encoder", "encoders", "enc"])
 _UNINFORMATIVE = frozenset(
     "actual act measured feedback present ist joint joints state states j value values".split()  # noqa: SIM905
@@ -241,7 +234,7 @@ _NOT_MEASURED = frozenset(
         *("set", "setpoint", "target", "cmd", "command", "commanded", "goal", "desired", "des", "reference"),
         *("ref", "soll", "error", "err", "max", "min", "peak", "rate", "limit", "std", "mean", "stress"),
         *("strain", "offset", "temperature", "temp", "maximum", "minimum", "maximal", "maximale", "maximo"),
-        *("sollwert", "sollweg", "sollkraft", "consigne", "objetivo"),
+        *("sollwert", "sollweg", "sollkraft", "consigne", "cible", "objetivo", "zadana", "zadane"),
     ]
 )
 # Columns of a tension test, which are used only if there is no displacement and no force.
@@ -251,7 +244,14 @@ _GOAL = frozenset(
     "goal target desired des cmd command commanded set setpoint soll reference ref action".split()  # noqa: SIM905
 )
 _KNOWN = tuple((quantity, known) for quantity, known in WORDS.items() if quantity != RUN)
+_BY_DIMENSION = {"length": "displacement", "angle": "position"} | {n: n for n in ("time", "force", "torque")}
 OWN_NAME, _BY_NAME, _BY_WORD, _BY_UNIT, _BY_PAIR = 4, 3, 2, 1, 0
+# "Position des Kolbens" is the position of the piston, "Allongement des mors" the extension of the jaws, but
+# "Position des" is a desired position.
+_ARTICLE = re.compile(
+    rf"(?i:\b({'|'.join(word for words in WORDS.values() for word in sorted(words) if len(word) > 2)})) des "
+    r"(?=[A-Z][a-z]{3}|(?!joint|axis|pos|vel|angle|torque|force)[a-z]{3})"
+)
 _REPEATED_NAME = re.compile(r"(.+) \((\d+)\)")  # a repeated name
 _UNNAMED = re.compile(r"column \d+")
 _MOTION_OR_TORQUE = ("position", "velocity", "torque")  # quantities that a file may have for each joint
@@ -275,6 +275,7 @@ class RoleGuess:
     joint: int | None = None  # joint number in the name, None if it has none
     unit: str = ""  # normalized unit in the name; empty if it has none
     rank: int = _BY_NAME  # how well the name fits; palpate's own names rank highest
+    why: str = ""  # reason in words
     joint_name: tuple[str, ...] = ()  # further words in the name, such as the joint whose position it is
 
     @property
@@ -296,6 +297,9 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
         names: names of the columns.
         clocks: columns with clock times in seconds; units in their names are ignored.
     """
+    # If the header contains only units ("mm", "kN", "s"), they determine the quantities.
+    units = {name: normalize_unit(name.strip("[]() ")) for name in names if not is_unnamed(name)}
+    units_only = sum(map(bool, map(dimension_of, units.values()))) >= max(2.0, 0.6 * len(units))
 
     def is_repeated(name: str) -> bool:
         repeated = _REPEATED_NAME.fullmatch(name)
@@ -306,6 +310,9 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
             return RoleGuess(name, "")
         if name in clocks:
             return replace(guess_column(f"{split_unit(name)[0]} [s]"), column=name)
+        quantity = _BY_DIMENSION.get(dimension_of(units.get(name, "")) or "", "") if units_only else ""
+        if quantity:
+            return RoleGuess(name, quantity, None, units[name], _BY_UNIT, "by its unit")
         return guess_column(name)
 
     guesses = list(map(guess_alone, names))
@@ -328,7 +335,10 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
     shared = len(joints) < 2 and any(
         guess.quantity == "torque" and guess.joint is None and guess.rank > _BY_PAIR for guess in guesses
     )
+    # If the names form no channel, the last word of a name without a unit is used too: "Standard force".
+    missing = {"time"} - {guess.quantity for guess in guesses}
     if not channel_pairs({guess.key for guess in guesses if guess.quantity}):
+        missing |= {"displacement", "force"} - {guess.quantity for guess in guesses}
         guesses = [_guess_tension_test(guess) if guess.quantity == "" else guess for guess in guesses]
     paired = []
     for guess in guesses:
@@ -336,11 +346,16 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
             paired.append(replace(guess, joint=number[guess.joint_name]))
         elif guess.rank == _BY_PAIR and guess.joint is None and not (shared and guess.quantity == "position"):
             paired.append(RoleGuess(guess.column, ""))
+        elif not guess.quantity and (quantity := quantity_in(guess.column, last=True)) in missing:
+            paired.append(
+                RoleGuess(guess.column, quantity, rank=_BY_PAIR, why="by the last word of its name")
+            )
         else:
             paired.append(guess)
-    is_channel = bool(channel_pairs({guess.key for guess in paired if guess.quantity}))
-    # A time, and all quantities if the names form no channel, are then found by any word of a name, such as
-    # "Pos" in "motorPosRaw" and "force" in "ForceArray b", unless the names belong to different joints.
+    if channel_pairs({guess.key for guess in paired if guess.quantity}):
+        return paired
+    # Otherwise any word of a name is used, such as "Pos" in "motorPosRaw" and "force" in "ForceArray b",
+    # unless the names belong to different joints.
     known = {guess.quantity for guess in paired}
     by_word = [guess_column(name, anywhere=True) for name in names]
     joint_words = [
@@ -349,8 +364,8 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
         if guess.quantity in _MOTION_OR_TORQUE
         and (words := {word for word in guess.joint_name if not word.isdecimal()})
     ]
-    if is_channel or (joint_words and not set.intersection(*joint_words)):
-        known |= {*QUANTITIES, RUN} - {"time"}
+    if joint_words and not set.intersection(*joint_words):
+        return paired
     return [
         guess if guess.quantity or other.quantity in known or is_repeated(guess.column) else other
         for guess, other in zip(paired, by_word, strict=True)
@@ -365,7 +380,7 @@ def _guess_tension_test(guess: RoleGuess) -> RoleGuess:
     if word is None:
         return guess
     quantity, usual_unit = _TENSION_TEST[word]
-    return RoleGuess(guess.column, quantity, None, unit or usual_unit, _BY_WORD)
+    return RoleGuess(guess.column, quantity, None, unit or usual_unit, _BY_WORD, "by its name")
 
 
 def is_unnamed(name: str) -> bool:
@@ -403,19 +418,21 @@ def words_of(name: str) -> list[str]:
     Args:
         name: name of a column.
     """
-    return re.findall(r"[^\W\d_]+", _plain(_CAMEL.sub(" ", _without_accents(name))))
+    return re.findall(r"[^\W\d_]+", plain(_CAMEL.sub(" ", without_accents(name))))
 
 
-def quantity_in(name: str) -> str:
-    """Return the quantity that a word of at least three letters means; "none" for unmeasured signals.
+def quantity_in(name: str, *, last: bool = False) -> str:
+    """Return the quantity that a word in a name means, regardless of the unit; "none" for unmeasured signals.
 
     Args:
         name: name of a column.
+        last: consider only the last word, which must have at least three letters, as in "log:timestamp".
     """
     words = words_of(name)
     if _NOT_MEASURED & set(words):
         return "none"
-    return _quantity_of({word for word in words if len(word) > 2})
+    words = words[-1:] if last else words
+    return _quantity_of({word for word in words if len(word) > 2 or not (last or word.isascii())})
 
 
 def _quantity_of(words: Collection[str]) -> str:
@@ -433,17 +450,18 @@ def guess_column(name: str, *, anywhere: bool = False) -> RoleGuess:
     """
     if (match := _NAME.fullmatch(name.strip())) and (role := parse_role(name)):
         rank, joint = OWN_NAME if role.unit else _BY_NAME, int(match[2]) if match[2] else None
-        return RoleGuess(name, role.quantity, joint, role.unit, rank)
-    if _plain(name.strip()) in WORDS[RUN]:
-        return RoleGuess(name, RUN)
+        return RoleGuess(name, role.quantity, joint, role.unit, rank, "by its name")
+    if plain(name.strip()) in WORDS[RUN]:
+        return RoleGuess(name, RUN, why="by its name")
     stem, unit = split_unit(name)
-    words = re.findall(r"[^\W\d_]+|\d+", _CAMEL.sub(" ", _without_accents(stem)))
+    stem = _ARTICLE.sub(r"\1 ", _CAMEL.sub(" ", without_accents(stem)))
+    words = re.findall(r"[^\W\d_]+|\d+", stem)
     numbers = [int(word) for word in words if word.isdecimal() and len(word) < 4]
-    letters = [_plain(word) for word in words if not word.isdecimal()]
+    letters = [plain(word) for word in words if not word.isdecimal()]
     joint = numbers[0] if len(numbers) == 1 else None
     is_goal = _GOAL & set(letters) and not {*letters} - _GOAL - _UNINFORMATIVE - WORDS["position"]
     if is_goal and dimension_of(unit) in {None, "angle"}:
-        return RoleGuess(name, "goal", joint, unit, _BY_WORD)
+        return RoleGuess(name, "goal", joint, unit, _BY_WORD, "by a word in its name")
     if _NOT_MEASURED & set(letters):
         return RoleGuess(name, "")
     is_count = not _COUNTS.isdisjoint(letters)
@@ -458,9 +476,10 @@ def guess_column(name: str, *, anywhere: bool = False) -> RoleGuess:
         joint = None
     # `WORDS` has none for acceleration.
     uninformative = WORDS.get(quantity, frozenset()) | _UNINFORMATIVE | _COUNTS
-    joint_name = tuple(word.lower() for word in words if _plain(word) not in uninformative)
+    joint_name = tuple(word.lower() for word in words if plain(word) not in uninformative)
+    why = ("by this and other names", "by its unit", "by a word in its name", "by its name")[rank]
     specified = next((units.get(quantity, "") for pattern, units in _INTERFACES if pattern.search(name)), "")
-    return RoleGuess(name, quantity, joint, unit or specified, rank, joint_name)
+    return RoleGuess(name, quantity, joint, unit or specified, rank, why, joint_name)
 
 
 def _match_words(whole: str, words: Sequence[str], unit: str, *, anywhere: bool) -> tuple[str, int]:
@@ -475,6 +494,7 @@ def _match_words(whole: str, words: Sequence[str], unit: str, *, anywhere: bool)
         if _fits(quantity, unit) and not known.isdisjoint(long):
             return quantity, _BY_WORD
     is_specific = dimension not in {"voltage", "pressure", "strain"}  # these may belong to any quantity
+    is_specific &= dimension != "time" or _NO_CLOCK.isdisjoint(words)
     by_unit = next((quantity for quantity in QUANTITIES if is_specific and _fits(quantity, unit)), "")
     by_pair = next((quantity for quantity in _MOTION_OR_TORQUE if words[-1] in WORDS[quantity]), "")
     if anywhere and not by_pair and dimension is None:

@@ -2,21 +2,25 @@
 
 import math
 import re
+import shlex
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from palpate.estimation.data.column_names import (
-    CURRENT,
     DISPLACEMENT,
+    FORCE,
     POSITION,
     PROXIES,
     QUANTITIES,
+    SENSITIVITY,
     Key,
     Role,
     guess_column,
     holds_counts,
     is_angle,
+    quantity_in,
     role_of_option,
     si_unit,
     split_unit,
@@ -26,6 +30,7 @@ from palpate.estimation.data.column_names import (
 )
 from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data.quantity_words import CURRENT
 from palpate.estimation.data.table import Table
 from palpate.estimation.data.table_layout import clocks_of
 from palpate.estimation.data.units import (
@@ -52,6 +57,7 @@ _MAX_STRAIN = 2.0  # largest range of a strain without a unit that is read as a 
 _LARGE_UNITS = tuple(unit for _, unit in _MAX_RANGE.values())
 _MAX_CURRENT_A = 200.0  # largest plausible range of a current in A; a larger one is in mA
 _COUNT_OF_ENCODER = "0.00153rad"  # one of 4096 counts per turn, an example
+_LETTERS = {("force", "t"): "tf", ("time", "d"): "day"}  # units that are known only beside their quantity
 
 
 _FACTOR = re.compile(  # as in "Load x1000 (N)" and "Force*10^3"
@@ -148,7 +154,9 @@ class ColumnUnits:
                 f"column '{column}' states no unit and is read in {unit}, from its sample step; if that is "
                 f"wrong, add --unit time={'ms' if unit == 's' else 's'}"
             )
-        stated, (scale, unit) = unit, scaled_unit(unit, named_unit)
+        # The unit of the numbers, also beside a sensitivity, as in "Load [mV] (5 N/V)".
+        own = unit_in_name(SENSITIVITY.sub("", column)) if named_unit.startswith("×") else named_unit
+        stated, (scale, unit) = unit.lstrip("×"), scaled_unit(unit, own)
         dimension = dimension_of(unit)
         if dimension not in dimensions:
             valid = ", ".join(unit for name in dimensions for unit in SI[name])
@@ -178,8 +186,10 @@ class ColumnUnits:
         for role, column in chosen.values():
             if role.quantity != "time" and not self.unit_of(role, column):
                 linear = ("force", role.joint) in chosen and ("torque", role.joint) not in chosen
-                unit = self._likely_unit(role, column, linear=linear)
-                missing.append((column, f"--unit {role.quantity}={unit}"))
+                unit, unknown = self._likely_unit(role, column, linear=linear), _unknown_unit(column)
+                in_capitals = dimension_of(normalize_unit(unknown.lower())) in QUANTITIES[role.quantity]
+                size = "10" if unknown and not in_capitals and not holds_counts(column) else ""
+                missing.append((column, f"--unit {role.quantity}={size}{unit}"))
         return missing
 
     def check_known(self, chosen: Chosen) -> None:
@@ -190,19 +200,53 @@ class ColumnUnits:
         """
         if missing := self.missing(chosen):
             columns = list_first([f"'{column}'" for column, _ in missing])
-            names = (unknown_unit(column) or unit_in_name(column) for column, _ in missing)
-            unknown = next(filter(None, names), "")
+            unknown = next(filter(None, (_unknown_unit(column) for column, _ in missing)), "")
             known = f" that is known ('{unknown}' is not)" if unknown else ""
             by_quantity = {option.partition("=")[0]: option for _, option in missing}
             by_quantity |= {o.partition("=")[0]: o for _, o in missing if o.endswith(_LARGE_UNITS)}
             options = " ".join(by_quantity.values())
             options += ", the value of one count" * any(holds_counts(column) for column, _ in missing)
+            options += ", with the size of the unknown unit" * ("=10" in options)
             if len(missing) == 1:
                 problem = f"column {columns} states no unit{known}; give it, as in {options}"
             else:
                 unit = known.replace("is", "are", 1) if known else ""
                 problem = f"columns {columns} state no units{unit}; give them, as in {options}"
+            keys = POSITION, FORCE
+            if set(keys) <= set(chosen) and not any(self.unit_of(*chosen[key]) for key in keys):
+                position, force = (shlex.quote(chosen[key][1]) for key in keys)
+                unit = self._likely_unit(*chosen[POSITION])
+                problem += (
+                    f"; if they belong to a revolute joint, add --column position={position} --column "
+                    f"torque={force} --unit position={unit} --unit torque=Nm"
+                )
             raise InputError(f"{self.table.path}: {problem}")
+
+    def check_force_of_angle(self, chosen: Chosen) -> None:
+        """Check that no joint has an angle and a force if there is no other channel.
+
+        Raises:
+            InputError: the lever arm is needed to convert a force to a torque.
+        """
+        if DISPLACEMENT in chosen or any(quantity in {"torque", "goal"} for quantity, _ in chosen):
+            return
+        for (quantity, joint), (role, column) in chosen.items():
+            if quantity != "position" or ("force", joint) not in chosen:
+                continue
+            force_role, force = chosen["force", joint]
+            scale, unit = scaled_unit(self.unit_of(force_role, force), "")
+            if dimension_of(scaled_unit(self.unit_of(role, column), "")[1]) == "angle" and (
+                unit in SI["force"] or not unit
+            ):
+                torque = Role("torque", joint, "", role.shift).numbered
+                what = f"'{force}' a force, not a torque; if the force acts on a lever arm of 0.1 m"
+                if not unit:
+                    what = f"'{force}' states no unit of torque; if a value of 1 is a torque of 0.1 N m"
+                raise InputError(
+                    f"{self.table.path}: column '{column}' is an angle and {what}, use --column "
+                    f"{torque}={shlex.quote(force)} --unit "
+                    f"{torque}={0.1 * scale * SI['force'].get(unit, 1.0):g}Nm"
+                )
 
     def check_used(self, chosen: Chosen) -> None:
         """Check that each --unit applies to a column in use, since others would be ignored silently.
@@ -221,13 +265,32 @@ class ColumnUnits:
 
     def _user_unit(self, role: Role, column: str) -> str:
         unit = next((self.options.units[name] for name in self.option_names(role, column)), "")
-        return normalize_unit(unit)
+        return _LETTERS.get((role.quantity, unit), normalize_unit(unit))
 
     def _named_unit(self, role: Role, column: str) -> str:
         """Return the unit in a column's name, or seconds if the column has clock times."""
         if column in clocks_of(self.table.columns):
             return "s"
-        return read_as(unit_in_name(column), QUANTITIES[role.quantity])
+        unit = unit_in_name(column) or _LETTERS.get((role.quantity, unknown_unit(column)), "")
+        return read_as(unit, QUANTITIES[role.quantity])
+
+    def units_above(self, quantity: str) -> Iterator[tuple[str, str]]:
+        """Yield the lines above the header that state a unit of a quantity, each with this unit.
+
+        Args:
+            quantity: quantity of a column; the lines may call a position a displacement, and vice versa.
+        """
+        motions = {"displacement", "position"}
+        for line in self.table.preamble:
+            named = ""
+            if re.search(r"(?<!\w)\d", line):  # a setting, such as "Force limit: 5 kN"
+                continue
+            for part in re.split(r"[,;|\t]", line):
+                named = quantity_in(part) or named
+                words = [word for word in re.findall(r"[^\s:=()\[\]{}<>]+", part) if word != "in"]
+                if quantity in (motions if named in motions else {named}):
+                    units = (read_as(normalize_unit(word), QUANTITIES[quantity]) for word in words)
+                    yield from ((line, unit) for unit in units if dimension_of(unit) in QUANTITIES[quantity])
 
     def _likely_unit(self, role: Role, column: str, *, linear: bool = False) -> str:
         """Return the SI unit (`linear`: of a linear axis), or the laboratory's if numbers are too large."""
@@ -239,6 +302,8 @@ class ColumnUnits:
         is_length = linear and role.quantity == "position" and (not is_angle(column) or holds_counts(column))
         if role.unit == "strain":
             return "%"
+        if above := next(self.units_above(role.quantity), None):
+            return above[1]
         quantity = "displacement" if is_length else role.quantity
         largest, usual = _MAX_RANGE.get(quantity, (np.inf, ""))
         if quantity == "torque" and not CURRENT.isdisjoint(words_of(column)):
@@ -250,8 +315,18 @@ class ColumnUnits:
         return usual if span > largest else si
 
 
+def _unknown_unit(column: str) -> str:
+    """Return the text in a column's name that states no known unit of its quantity; empty for none."""
+    return unknown_unit(column) or unit_in_name(column)
+
+
 def _note_on_name(role: Role, column: str, named_unit: str, unit: str, *, is_capital: bool) -> str:
     """Return a note if a column name has a factor, two units, or another unit than `unit`; else empty."""
+    if named_unit.startswith("×"):
+        return (
+            f"the factor in the name of column '{column}' is applied: it is read in {named_unit[1:]}; if that"
+            f" is wrong, give its unit, such as --unit {role.numbered}={unit}"
+        )
     if is_capital and unit.startswith("MN"):
         return (
             f"no column name has a lower-case letter, so the M in '{column}' may be mega or milli: it is read"

@@ -47,7 +47,7 @@ class _SheetTable:
     sheet: str  # name of the sheet
     layout: TableLayout
     rows: list[list[Any]]  # cells below the names
-    preamble: int  # number of filled rows above the names, if it is the first table of the sheet
+    preamble: tuple[str, ...]  # filled rows above the names, if it is the first table of the sheet
     decimal: str  # decimal mark of numbers that are stored as text
     numbers: list[int]  # row numbers in the sheet
     title: str  # name of the sheet, with the row number of the names if the sheet holds several tables
@@ -98,9 +98,9 @@ def read_excel_table(path: Path, selected: str) -> FileColumns:
         joined = pa.concat_tables(parts)
     listed = list_first([repr(name) for name in names])
     notes += [f"sheet{'s' if len(names) > 1 else ''} {listed} of {len(book.sheet_names)}", *omitted]
-    notes += preamble_notes(first.preamble)
+    notes += preamble_notes(len(first.preamble))
     numbers = np.array([number for table in same_tables for number in table.numbers], dtype=np.int64)
-    return FileColumns(joined, first.decimal, tuple(notes), numbers)
+    return FileColumns(joined, first.decimal, tuple(notes), layout.titles, numbers, preamble=first.preamble)
 
 
 def _check_workbook(path: Path) -> None:
@@ -191,7 +191,7 @@ def _tables(sheet: CalamineSheet, *, nameless: bool = False) -> list[_SheetTable
                 break
             body.popitem()
         filled = list(body.values())
-        preamble = sum(map(any, head[: layout.header])) * (not tables)
+        preamble = tuple("\t".join(row).strip() for row in head[: layout.header] if any(row) and not tables)
         numbers = [above + place for place in body]
         mark = _decimal_mark(filled)
         title = sheet.name + f":{above + places[layout.header]}" * (len(layouts) > 1)

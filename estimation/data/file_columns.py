@@ -35,9 +35,11 @@ class FileColumns:
     columns: pa.Table  # columns by name; those of a text file contain text
     decimal: str = "."  # decimal mark of numbers that are text
     notes: tuple[str, ...] = ()  # notes on the format of the file
+    titles: tuple[str, ...] = ()  # text above each column's name, such as the name of a test
     # Number of each row in the file, as an editor or spreadsheet shows it, shape (n,); None to count from 1.
     rows: IntArray | None = None
     row_word: str = "row"  # unit of these numbers: "row" or "line"
+    preamble: tuple[str, ...] = ()  # lines above the header
 
 
 def list_first(items: Sequence[str], most: int = 8) -> str:

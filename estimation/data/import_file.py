@@ -12,7 +12,7 @@ import scipy
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.assign_columns import ColumnAssignment, assign_columns, in_blocks
 from palpate.estimation.data.channel_sources import ChannelSource, channel_sources, check_options_are_used
-from palpate.estimation.data.column_names import TIME, Key
+from palpate.estimation.data.column_names import TIME, Key, quantity_in, unit_in_name, words_of
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.import_options import NO_OPTIONS, ImportOptions
@@ -24,8 +24,10 @@ from palpate.estimation.data.units import (
     MAX_STEP_S,
     MIN_STEP_S,
     SI,
-    likely_time_unit,
+    dimension_of,
+    other_time_unit,
     scaled_unit,
+    si_factor,
 )
 from palpate.estimation.signals.arm_signals import ARM_MOTION, PAYLOAD, REGRESSOR, TORQUE
 from palpate.estimation.signals.blocks import blocks, number_pieces
@@ -38,14 +40,18 @@ _MAX_SIGNAL_LENGTH = 50  # characters; a session allows 64 including a prefix
 # A column with the name of a derived signal would be mistaken for the signal that a model needs.
 _RESERVED_SIGNALS = frozenset({*ARM_MOTION, "load", TORQUE, REGRESSOR, PAYLOAD})
 _SPECIMEN = re.compile(
-    r"specimen|sample|probe(?!\w)|prüfling|éprouvette|probeta|motor|actuator|servo", re.IGNORECASE
+    r"specimen|sample|probek?(?!\w)|prüfling|éprouvette|échantillon|probeta|试样|試料|motor|actuator|servo",
+    re.IGNORECASE,
 )
 _MIN_SPECIMENS = 2
+_CLOCK_UNITS = (1.0, 1e-3, 1e-6, 1e-9)  # units that a time without a unit may have [s]
+_SAME_SPAN = 1.05  # largest ratio of the durations of two clocks that agree
 _SPECIMENS_NOTE = (
     "{1} {0} objects, whose runs are read as runs of one object: add either --where {2} to read only one "
     "of them, or --fresh-runs to read all and state that no run affects another"
 )
 _SAME_RATIO = 0.05  # largest relative deviation of a wrong unit from a known one
+_MOTOR_WORDS, _JOINT_WORDS = frozenset(["motor", "rotor"]), frozenset(["joint", "output", "link"])
 _JOINT_KINDS = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
 _CONTRADICTING_INERTIA = 0.1  # variance that a positive inertia explains, relative to a negative damping's
 _CERTAIN_SIGN = 0.5  # absolute correlation of effort and velocity above which the effort's sign is certain
@@ -121,7 +127,7 @@ def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> ImportedD
             "no column holds an effort; goal minus position [rad] is used instead, which is the "
             "torque divided by the servo's position gain (model position_servo)"
         )
-    time_warnings = [*_note_time(columns, rows)]
+    time_warnings = [*_note_time(columns, rows, options.columns.values())]
     notes += [*time_warnings, *_note_specimens(columns, rows, options)]
     channels = []
     for source in sources:
@@ -187,16 +193,18 @@ def chosen_texts(name: str, given: str, texts: Collection[str], place: str) -> l
     return parts
 
 
-def _note_time(columns: ColumnAssignment, rows: ImportedRows) -> Iterator[str]:
-    """Yield notes on an unlikely unit of time, and a pause longer than its run."""
+def _note_time(columns: ColumnAssignment, rows: ImportedRows, user_columns: Collection[str]) -> Iterator[str]:
+    """Yield notes on an unlikely unit of time, a clock that disagrees, and a pause longer than its run."""
     if TIME not in columns:
         return
     time, step_s = columns.assigned[TIME], sample_time(rows.time_s, rows.run)
+    if time.column not in user_columns:
+        yield from _note_other_clock(columns)
     if not MIN_STEP_S <= step_s <= MAX_STEP_S:
-        unit = likely_time_unit(step_s / time.factor, float(np.ptp(rows.time_s)) / time.factor)
+        unit = other_time_unit(step_s, float(np.ptp(rows.time_s)), time.factor)
         yield (
             f"column '{time.column}': samples are {step_s:.3g} s apart; if this unit is wrong, give "
-            f"the right one with --unit time={'UNIT' if unit == time.unit else unit}"
+            f"the right one, such as --unit time={unit}"
         )
     for part in blocks(rows.run):
         steps_s = np.diff(rows.time_s[part])
@@ -206,6 +214,27 @@ def _note_time(columns: ColumnAssignment, rows: ImportedRows) -> Iterator[str]:
             yield (
                 f"'{time.column}' jumps by {steps_s[longest]:.4g} s to {row}, which is longer than the rest "
                 "of the run; if samples are missing, select one part with --where"
+            )
+            return
+
+
+def _note_other_clock(columns: ColumnAssignment) -> Iterator[str]:
+    """Yield a note if another column is named a time and rises in each row, but by a different duration."""
+    time_s = columns.values(TIME)
+    for name in columns.unused:
+        if quantity_in(name) != TIME[0]:
+            continue
+        times = columns.table.numbers(name)
+        if not all((np.diff(clock) > 0.0).all() for clock in (time_s, times)):
+            continue
+        unit = unit_in_name(name)
+        factors = [si_factor(unit)] if dimension_of(unit) == "time" else _CLOCK_UNITS
+        spans_s = [factor * np.ptp(times) for factor in factors]
+        span_s = min(spans_s, key=lambda span: abs(np.log(span / np.ptp(time_s))))
+        if not 1.0 / _SAME_SPAN < span_s / np.ptp(time_s) < _SAME_SPAN:
+            yield (
+                f"'{name}' is a clock too, but covers {span_s:.4g} s where '{columns.name(TIME)}' covers "
+                f"{np.ptp(time_s):.4g} s; if '{name}' is right, add --column time={shlex.quote(name)}"
             )
             return
 
@@ -233,6 +262,7 @@ def _make_channel(
     velocity_key, acceleration_key = (("velocity", source.joint), ("acceleration", source.joint))
     position, pieces = columns.values(source.position)[rows.order], number_pieces(rows.time_s, rows.run)
     name = f"'{columns.name(source.position)}'"
+    notes += [*_note_gear(source, columns)]
     measured: FloatArray | None
     if source.position == velocity_key:
         measured = position
@@ -257,6 +287,8 @@ def _make_channel(
         derived = differentiate(rows.time_s, position, pieces)
         signal = (name, position, derived.velocity)
         measured = _measured_derivative(columns, velocity_key, source, rows, signal, notes)
+        if velocity_key not in columns:
+            notes += [*_note_unused_velocity(columns, source, rows, position)]
     if measured is None:
         velocity, acceleration, name = derived.velocity, derived.acceleration, "the velocity"
     else:
@@ -360,12 +392,46 @@ def _measured_derivative(  # noqa: PLR0917
     return None
 
 
+def _note_unused_velocity(
+    columns: ColumnAssignment, source: ChannelSource, rows: ImportedRows, position: FloatArray
+) -> Iterator[str]:
+    """Yield a note on an unused velocity that contradicts the position (n,) by a constant factor."""
+    rates = SI.get(f"{columns.assigned[source.position].dimension}_rate", {})
+    for guess in columns.unused_velocities:
+        joint = 0 if guess.joint is None else guess.joint + columns.shift
+        if joint != source.joint or guess.unit not in rates:
+            continue
+        velocity = rates[guess.unit] * columns.table.numbers(guess.column)[rows.order]
+        ratio = mistaken_scale(rows.time_s, position, velocity, rows.run)
+        if ratio is not None and np.isfinite(ratio):
+            likely = _unit_example(columns, source, ratio)
+            gear = "; a gear between them also explains this" * (source.kind.is_angle and not likely)
+            yield (
+                f"column '{guess.column}', which is not used, is {ratio:.3g} times the rate of change of "
+                f"'{columns.name(source.position)}'; if a unit is wrong, correct it with --unit{likely}{gear}"
+            )
+
+
 def _unit_example(columns: ColumnAssignment, source: ChannelSource, ratio: float) -> str:
     """Return an example of --unit by which a velocity agrees that is `ratio` times the position's slope."""
     position, option = columns.assigned[source.position], columns.role(source.position).numbered
     units = SI[position.dimension].items()
     likely = [unit for unit, size in units if abs(size / position.factor / ratio - 1.0) < _SAME_RATIO]
     return f", such as --unit {option}={likely[0]}" if likely else ""
+
+
+def _note_gear(source: ChannelSource, columns: ColumnAssignment) -> Iterator[str]:
+    """Yield a note if one of position and effort is named after the motor, and the other after the joint."""
+    for motor, joint in ((source.position, source.effort), (source.effort, source.position)):
+        sides = [set(words_of(columns.name(key))) & (_MOTOR_WORDS | _JOINT_WORDS) for key in (motor, joint)]
+        is_split = all(sides) and sides[0] <= _MOTOR_WORDS and sides[1] <= _JOINT_WORDS
+        if is_split and not any(columns.assigned[key].is_fixed for key in (motor, joint)):
+            example = f"{'50' if motor == source.effort else '0.02'}{columns.assigned[motor].unit}"
+            yield (
+                f"'{columns.name(motor)}' belongs to the motor and '{columns.name(joint)}' to the joint, "
+                "according to their names; for a gear of 50:1 between them, add --unit "
+                f"{columns.role(motor).numbered}={example}"
+            )
 
 
 def _reverse_reactions(

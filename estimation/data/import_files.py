@@ -15,6 +15,7 @@ from palpate.estimation.data.file_columns import is_bag, natural_key, pa
 from palpate.estimation.data.import_file import ImportedData, import_table, with_arm
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import ENDINGS, Table, read_table
+from palpate.estimation.data.text_table import is_prose
 from palpate.robot_io.errors import InputError
 
 _MAX_FILES = 2000
@@ -65,13 +66,15 @@ def import_files(
     places = [path.resolve() for path in paths]
     if twice := [path for number, path in enumerate(paths) if places[number] in places[:number]]:
         raise InputError(f"{twice[0]}: is given twice; its runs would count as repeated measurements")
-    parts = []
+    kept = _without_prose(paths)
+    prose = tuple(f"{path.name}: left out, a text without numbers" for path in paths if path not in kept)
+    paths, parts = kept, []
     for number, table in enumerate(read_tables(paths, options)):
         which = f"file {number + 1} of {len(paths)}" if len(paths) > 1 else "the file"
         progress(f"deriving the motion of {which}", (number + 0.5) / len(paths))
         parts.append(import_table(table, options))
     if len(parts) == 1:
-        return parts[0]
+        return replace(parts[0], notes=(*prose, *parts[0].notes))
     channels = []
     for first in parts[0].channels:
         same_channel = []
@@ -90,7 +93,7 @@ def import_files(
         ignored = [f"{', '.join(extra)} left out, since {paths[0].name} has none"] if extra else []
         for note in (*part.notes, *ignored):
             noted.setdefault(note, path.name)  # keep the first file with this note
-    notes = tuple(f"{name}: {note}" for note, name in noted.items())
+    notes = (*prose, *(f"{name}: {note}" for note, name in noted.items()))
     unused = tuple(name for name in parts[0].unused if all(name in part.unused for part in parts))
     ways = list(dict.fromkeys(part.read for part in parts if part.read))
     differ = " (others differ)" if len(ways) > 1 else ""
@@ -110,6 +113,7 @@ def read_tables(paths: Sequence[Path], options: ImportOptions) -> Iterator[Table
     Raises:
         InputError: a file cannot be read.
     """
+    paths = _without_prose(paths)
     first = read_table(paths[0], options.table)
     if len(paths) > 1:
         try:
@@ -124,10 +128,16 @@ def read_tables(paths: Sequence[Path], options: ImportOptions) -> Iterator[Table
         yield read_table(path, options.table)
 
 
+def _without_prose(paths: Sequence[Path]) -> Sequence[Path]:
+    """Return the paths without text files that hold no table, such as a readme.txt beside data files."""
+    return [path for path in paths if not (path.is_file() and is_prose(path))] or paths
+
+
 def _side_by_side(first: Table, further: Iterable[Table]) -> Table | None:
     """Join tables side by side; None if they differ in their rows, or in a column that both have.
 
-    A column without a name is named after its file, such as `tau_3` for the third column of tau.csv.
+    A column without a name is named after its file, such as `tau_3` for the third column of tau.csv,
+    or `tau` for its only column.
     """
     columns, files = dict[str, Any](), list[str]()
     for table in chain([first], further):
@@ -135,7 +145,8 @@ def _side_by_side(first: Table, further: Iterable[Table]) -> Table | None:
             return None
         stem = table.path.name.split(".")[0]
         for number, name in enumerate(table.names, 1):
-            column, called = table.columns.column(name), f"{stem}_{number}" if is_unnamed(name) else name
+            own_name = stem if len(table.names) == 1 else f"{stem}_{number}"
+            column, called = table.columns.column(name), own_name if is_unnamed(name) else name
             if not columns.setdefault(called, column).equals(column):
                 return None
         files.append(table.path.name)

@@ -19,7 +19,16 @@ from palpate.robot_io.types import FloatArray, IntArray
 UNKNOWN_PHASE = -1
 _MAX_DIGITS = 18  # digits of a run number; longer ones are names, such as serial numbers
 _MAX_REPEATED_SHARE = 0.05  # largest share of rows that may repeat the time of the previous row
+_GAP, _QUICK = 1.5, 0.75  # least step of a gap and largest step in a burst, relative to the usual step
+_FEW_GAPS, _MAX_BURST = 0.05, 50  # largest share of gaps; most steps of a gap and its burst
+# Longest unit of a counter, and its longest step at an overflow, relative to the usual step.
+_MAX_COUNT_S, _MAX_OVERFLOW_STEP = 1e-3, 10.0
 _MIN_ROWS = 5  # least number of samples in a run; with fewer the acceleration is meaningless
+_REPEATED_NOTE = (  # note with the number of rows and the column
+    "repeats times: {0} rows are spaced evenly up to the next time; if this column is not the time of each "
+    "row, add --context {1} to read it as another signal"
+)
+_LATE_NOTE = "stamps {0} rows late, in bursts after gaps: their times are spaced evenly over gap and burst"
 
 
 @dataclass(frozen=True)
@@ -46,7 +55,7 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
         InputError: times do not increase within a run, a run is too short, or a phase is unknown.
     """
     table = columns.table
-    times_s = columns.values(TIME) if TIME in columns else np.arange(len(table), dtype=np.float64)
+    times_s = _times(columns)
     if columns.run is None:
         run, notes = _detect_runs(columns, times_s, count)
         labels = {number: str(number) for number in np.unique(run).tolist()}
@@ -63,6 +72,11 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
             "no time column: rows are assumed to be 1 s apart, so speeds, damping, inertia and relaxation "
             "times are not in seconds; if a column holds the time, add --column time=COLUMN"
         )
+    elif (added_s := float(np.max(times_s - columns.values(TIME)))) > 0.0:
+        notes.append(
+            f"'{columns.name(TIME)}' falls as a counter of 32 bits does when it is full: it is continued, "
+            f"by {added_s:.9g} s in all"
+        )
     is_repeated = np.abs(np.diff(time_s, prepend=-np.inf)) < MIN_INCREASE_S
     is_repeated[1:] &= np.diff(run[order]) == 0
     if 0 < np.sum(is_repeated) < _MAX_REPEATED_SHARE * len(order):
@@ -75,14 +89,11 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
         order, time_s = order[~is_short], time_s[~is_short]
         labels = {number: labels[number] for number in np.unique(run[order]).tolist()}
     run = run[order]
-    before_s, time_s = time_s, _spread_repeated_times(time_s, run)
-    if moved := int(np.sum(time_s != before_s)):
-        name = columns.name(TIME)
-        notes.append(
-            f"'{name}' repeats times: {moved} of {len(order)} rows are spaced evenly up to the next time; "
-            f"if this column is not the time of each row, add --context {shlex.quote(name)} to read it as "
-            "another signal"
-        )
+    for spread, note in ((_spread_repeated_times, _REPEATED_NOTE), (_spread_late_stamps, _LATE_NOTE)):
+        before_s, time_s = time_s, spread(time_s, run)
+        if moved := int(np.sum(time_s != before_s)):
+            name = columns.name(TIME)
+            notes.append(f"'{name}' {note.format(f'{moved} of {len(order)}', shlex.quote(name))}")
     rows = ImportedRows(order, time_s, run, _phases(table, columns.phase)[order], labels, tuple(notes))
     _check_times(columns, rows)
     runs, counts = np.unique(run, return_counts=True)
@@ -104,6 +115,19 @@ def _numbered_runs(table: Table, column: str) -> tuple[IntArray, dict[int, str]]
     in_file = [int(name) for name in names if name.isdecimal() and len(name) <= _MAX_DIGITS]
     numbers = in_file if len(set(in_file)) == len(names) else range(len(names))  # "1" and "01" are two runs
     return np.array(numbers, dtype=np.int64)[index], dict(sorted(zip(numbers, names, strict=True)))
+
+
+def _times(columns: ColumnAssignment) -> FloatArray:
+    """Return the time of each row, shape (n,) [s]; a counter of 32 bits continues after an overflow."""
+    if TIME not in columns:
+        return np.arange(len(columns.table), dtype=np.float64)
+    time_s, count_s = columns.values(TIME), columns.assigned[TIME].factor
+    if len(time_s) > 1 and count_s <= _MAX_COUNT_S:
+        steps_s, range_s = np.diff(time_s), 2**32 * count_s
+        longest_s = _MAX_OVERFLOW_STEP * np.median(steps_s)
+        overflows = (steps_s < 0.0) & (steps_s + range_s > 0.0) & (steps_s + range_s <= longest_s)
+        time_s[1:] += range_s * np.cumsum(overflows)
+    return time_s
 
 
 def _detect_runs(
@@ -146,6 +170,31 @@ def _spread_repeated_times(time_s: FloatArray, run: IntArray) -> FloatArray:
         usual_s = (read[first[-1]] - read[0]) / first[-1]
         end_s = read[-1] + usual_s * (len(read) - first[-1])
         spread_s[rows] = np.interp(np.arange(len(read)), [*first, len(read)], [*read[first], end_s])
+    return spread_s
+
+
+def _spread_late_stamps(time_s: FloatArray, run: IntArray) -> FloatArray:
+    """Distribute rows with late time stamps evenly over the burst and the gap before it.
+
+    A busy logger stamps delayed samples in quick succession. A speed derived from such times would be many
+    times too large.
+    """
+    spread_s = time_s.copy()
+    for rows in blocks(run):
+        steps = np.diff(time_s[rows])
+        if len(steps) < _MIN_ROWS or (steps <= 0.0).any():
+            continue
+        step_s = float(np.median(steps))
+        gaps = np.flatnonzero(steps > _GAP * step_s)
+        if len(gaps) > _FEW_GAPS * len(steps):
+            continue
+        for gap in gaps:
+            burst = steps[gap : gap + _MAX_BURST]
+            quick = int(np.argmin(np.append(burst[1:] < _QUICK * step_s, False)))  # stamps in the burst
+            late = float(burst[: quick + 1].sum()) - (quick + 1) * step_s
+            if quick and abs(late) < 0.5 * step_s:
+                first, last = rows.start + gap, rows.start + gap + quick + 1
+                spread_s[first : last + 1] = np.linspace(spread_s[first], spread_s[last], last + 1 - first)
     return spread_s
 
 

@@ -43,21 +43,36 @@ def read_json(path: Path) -> FileColumns:
     try:
         content = json.loads(text, object_pairs_hook=unique)
     except json.JSONDecodeError as error:
-        lines = (line for line in text.splitlines() if line.strip())
-        try:
-            content = [json.loads(line, object_pairs_hook=unique) for line in lines]
-        except json.JSONDecodeError:
-            raise InputError(f"{path}: is not valid JSON: {error}") from error
+        content, lines = [], [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
+        for number, line in lines:
+            try:
+                content.append(json.loads(line, object_pairs_hook=unique))
+            except json.JSONDecodeError as line_error:
+                follows_records = number > lines[0][0]  # the lines before it are records
+                problem = f"line {number}: {line_error}" if follows_records else f"{error}"
+                raise InputError(f"{path}: is not valid JSON: {problem}") from error
     tables = list(_tables(content))
     if not tables:
         raise InputError(
             f"{path}: holds no table; expected a list of records, columns of equal length, or rows of numbers"
         )
     columns, other_lengths = max(tables, key=lambda table: _length(table[0]))
-    flat = {name: np.array(cells) for name, cells in columns.items() if not any(map(_is_nested, cells))}
+    flat = {
+        name: np.array(_truth_as_text(cells))
+        for name, cells in columns.items()
+        if not any(map(_is_nested, cells))
+    }
     notes = [NAMELESS] if all(map(is_unnamed, flat)) else []
     notes += [f"columns of other lengths left out: {', '.join(other_lengths)}"] if other_lengths else []
     return FileColumns(arrow_table(flat, path), notes=tuple(notes))
+
+
+def _truth_as_text(cells: list[Any]) -> list[Any]:
+    """Write true and false among other values as text, as in CSV; an array would make them 1 and 0."""
+    truths = sum(isinstance(cell, bool) for cell in cells)
+    if not truths or truths == sum(cell is not None for cell in cells):
+        return cells
+    return [str(cell).lower() if isinstance(cell, bool) else cell for cell in cells]
 
 
 def _is_nested(value: object) -> TypeGuard[list[Any] | Mapping[str, Any]]:

@@ -160,9 +160,19 @@ def read_ros_table(path: Path) -> FileColumns:
             if np.isfinite(values).all():
                 columns |= {pattern.format(i + 1): values[:, i] for i in range(len(joints))}
     if "torque_1_Nm" not in columns:
-        raise InputError(
-            f"{path}: topic '{topic}' lacks a joint's effort in some or all messages; every model needs it"
-        )
+        total = sum(len(group.messages) for group in groups_of_topic)
+        lacking = sum(len(group.messages) for group in groups_of_topic if "torque" not in group.places)
+        if lacking:
+            share = f" in {lacking} of {total} messages" if lacking < total else ""
+            reason = f"has no effort{share}, which every model needs"
+        else:
+            efforts = [_in_order(group, "torque", joints) for group in groups_of_topic]
+            invalid = np.sum(~np.isfinite(np.concatenate(efforts)), axis=0)
+            joint = int(np.argmax(invalid > 0))
+            reason = (
+                f"has no finite effort of joint '{joints[joint]}' in {invalid[joint]} of {total} messages"
+            )
+        raise InputError(f"{path}: topic '{topic}' {reason}")
     if len(columns["time_s"]) > 1 and not np.any(columns["time_s"]):
         raise InputError(
             f"{path}: topic '{topic}': every message has the same header.stamp; let the driver set it"

@@ -69,6 +69,7 @@ class Table:
     decimal: str = "."  # decimal mark of numbers that are text
     notes: tuple[str, ...] = ()  # notes on the format of the file
     row_word: str = "row"  # unit of `rows`: "row", or "line" of a text file
+    preamble: tuple[str, ...] = ()  # lines above the header
     _numbers: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __len__(self) -> int:
@@ -291,7 +292,7 @@ def table_of(file: FileColumns, path: Path) -> Table:
     names, notes = columns.column_names, [*file.notes]
     rows = np.arange(1, columns.num_rows + 1) if file.rows is None else file.rows
     if tests := find_tests(names):
-        columns, places = stack_tests(columns, tests, file.decimal)
+        columns, places = stack_tests(columns, tests, file.titles, file.decimal)
         names, rows = columns.column_names, rows[places]
         notes.append(f"{len(tests)} tests side by side, read as runs")
     unique: list[str] = []  # unique names: the second "GPa" becomes "GPa (2)"
@@ -304,7 +305,7 @@ def table_of(file: FileColumns, path: Path) -> Table:
     if columns.num_rows == 0:
         raise InputError(f"{path}: no rows of data")
     columns, clocks = with_seconds(columns, file.decimal)
-    return Table(path, columns, rows, file.decimal, (*notes, *clocks), file.row_word)
+    return Table(path, columns, rows, file.decimal, (*notes, *clocks), file.row_word, file.preamble)
 
 
 def _is_text(path: Path) -> bool:

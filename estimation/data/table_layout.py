@@ -15,6 +15,7 @@ from palpate.estimation.data.text_dialect import MISSING
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _MIN_COUNT = 2  # least number of repeated columns in each test; a single repeated column is a mistake
+_NANOSECONDS = re.compile(r"(.*?)(?:nanosecs?|nanoseconds|nsecs?)", re.IGNORECASE)
 _NUMBER = re.compile(r"[ _.(#-]*\d+\)?\s*$")
 _OF_A_PRESS = {"time", "displacement", "force"}
 
@@ -43,24 +44,27 @@ def find_tests(names: Sequence[str]) -> list[dict[str, int]]:
 
 
 def stack_tests(
-    columns: pa.Table, tests: Sequence[Mapping[str, int]], decimal: str
+    columns: pa.Table, tests: Sequence[Mapping[str, int]], titles: Sequence[str], decimal: str
 ) -> tuple[pa.Table, IntArray]:
     """Stack the rows of tests and add a run column; also return the original index of each row.
 
     Args:
         columns: columns of n rows.
         tests: result of `find_tests`.
+        titles: text above each column; it names the tests if there is a distinct title for each.
         decimal: decimal mark of numbers that are text.
     """
     repeated = [name for name, place in tests[0].items() if tests[1][name] != place]
+    named = [title for title in titles if title]
+    labels = named if len(set(named)) == len(tests) == len(named) else range(1, len(tests) + 1)
     parts, rows = [], []
-    for number, test in enumerate(tests, 1):
+    for test, label in zip(tests, labels, strict=True):
         cells = {name: columns.column(place) for name, place in test.items()}
         filled = np.logical_or.reduce([is_filled(cells[name]) for name in repeated])
         for name, column in cells.items():  # to text, since types may differ between tests
             if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
                 cells[name] = pc.replace_substring(column.cast(pa.string()), ".", decimal)
-        parts.append(with_run(pa.table(cells), str(number)).filter(pa.array(filled)))
+        parts.append(with_run(pa.table(cells), str(label)).filter(pa.array(filled)))
         rows.append(np.flatnonzero(filled))
     return pa.concat_tables(parts, promote_options="permissive"), np.concatenate(rows)
 
@@ -135,6 +139,24 @@ _DAY_S = 86400.0
 _MARK = {b"clock": b"s"}  # metadata of columns converted to seconds, whose names may state another unit
 
 
+def _with_nanoseconds(columns: pa.Table) -> tuple[pa.Table, list[str]]:
+    """Add columns such as "nanosec" to whole seconds, such as "sec", which then count from the first row."""
+    done, place_of = list[str](), {name.lower(): place for place, name in enumerate(columns.column_names)}
+    for name in columns.column_names:
+        match = _NANOSECONDS.fullmatch(name)
+        stems = (f"{match[1]}{ending}".lower() for ending in ("sec", "secs", "seconds")) if match else ()
+        place = next((place_of[stem] for stem in stems if stem in place_of), None)
+        if place is None:
+            continue
+        with suppress(pa.ArrowInvalid):
+            whole, part = (pc.cast(column, pa.float64()) for column in (columns.column(place), columns[name]))
+            seconds = pc.add(pc.subtract(whole, pc.min(whole)), pc.multiply(part, 1e-9))
+            clock = columns.column_names[place]
+            columns = columns.set_column(place, pa.field(clock, seconds.type, metadata=_MARK), seconds)
+            done.append(f"'{clock}' with '{name}'")
+    return columns, done
+
+
 def with_seconds(columns: pa.Table, decimal: str) -> tuple[pa.Table, tuple[str, ...]]:
     """Convert columns of clock times to seconds since midnight of the first day, with a note for the user.
 
@@ -142,7 +164,7 @@ def with_seconds(columns: pa.Table, decimal: str) -> tuple[pa.Table, tuple[str, 
         columns: columns of a file.
         decimal: decimal mark of its numbers.
     """
-    done = []
+    columns, done = _with_nanoseconds(columns)
     for place, name in enumerate(columns.column_names):
         column = columns.column(place)
         kind = column.type.value_type if pa.types.is_dictionary(column.type) else column.type
@@ -160,7 +182,7 @@ def with_seconds(columns: pa.Table, decimal: str) -> tuple[pa.Table, tuple[str, 
             continue
         points = (
             pc.replace_substring_regex(part, "[,:]", ".")
-            for part in (texts["hour"], texts["minute"], texts["second"])
+            for part in (texts["hour"], texts["minute"], _padded(texts["second"]))
         )
         filled = (pc.cast(pc.if_else(pc.equal(part, ""), "0", part), pa.float64()) for part in points)
         hour, minute, second = (np.asarray(numbers.to_numpy(zero_copy_only=False)) for numbers in filled)
@@ -177,6 +199,21 @@ def with_seconds(columns: pa.Table, decimal: str) -> tuple[pa.Table, tuple[str, 
         columns = columns.set_column(place, pa.field(name, seconds.type, metadata=_MARK), seconds)
         done.append(f"'{name}'{order}")
     return columns, (f"clock times converted to seconds: {', '.join(done)}",) if done else ()
+
+
+def _padded(seconds: pa.ChunkedArray) -> pa.ChunkedArray:
+    """Pad counts of milliseconds, or finer, after a colon with zeros if their numbers of digits differ."""
+    digits = pc.utf8_length(pc.struct_field(pc.extract_regex(seconds, r":(?P<count>\d+)$"), "count"))
+    least, most = pc.min_max(digits).values()
+    if least.as_py() == most.as_py():
+        return seconds
+    width = -(-most.as_py() // 3) * 3  # milli-, micro- or nanoseconds
+    count = pc.utf8_lpad(pc.replace_substring_regex(seconds, ".*:", ""), width, "0")
+    return pc.if_else(
+        pc.match_substring(seconds, ":"),
+        pc.binary_join_element_wise(pc.replace_substring_regex(seconds, ":.*", ""), count, ":"),
+        seconds,
+    )
 
 
 def clocks_of(columns: pa.Table) -> frozenset[str]:

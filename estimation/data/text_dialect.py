@@ -44,6 +44,7 @@ class TableLayout:
     names: tuple[str, ...]  # column names; units from a row of units follow in brackets
     first: int  # index of the first row of numbers
     header: int  # index of the row of names
+    titles: tuple[str, ...] = ()  # cells of the row above the names
 
 
 def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[TableLayout]:
@@ -60,6 +61,12 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[TableL
         if not is_body or was_body:
             continue
         width = max(len(_strip_empty(row)) for row in body)
+        # Remarks with one entry per column, such as "# columns: a b c".
+        above = [row for row in _preamble(rows, first, decimal) if len(row) == width + 1]
+        remarks = {row[0].rstrip(":").lower(): row[1:] for row in reversed(above) if row[0].endswith(":")}
+        if "columns" in remarks:
+            yield TableLayout(_with_units(remarks["columns"], remarks.get("units", ())), first, first - 1)
+            continue
         header = _header_rows(rows, first, width, decimal)
         if not header:
             continue
@@ -69,7 +76,8 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[TableL
             top, units = header[1][0], units_by_row[0] or units_by_row[1]
             place, names = header[1] if units_by_row[0] else header[0]
         full_names = _with_units(_clean_names(rows, place, names, width), units)
-        yield TableLayout(full_names, first, top)
+        titles = tuple(" ".join(cell.split()) for cell in rows[top - 1]) if top else ()
+        yield TableLayout(full_names, first, top, titles)
 
 
 def _is_body(body: Sequence[Sequence[str]], decimal: str) -> bool:
@@ -120,6 +128,15 @@ def _header_rows(
         if len(header) == 2:
             break
     return header
+
+
+def _preamble(rows: Sequence[Sequence[str]], first: int, decimal: str) -> Iterator[Sequence[str]]:
+    """Yield the rows above a table, the highest last, up to the rows of numbers of another table."""
+    for place in range(first - 1, -1, -1):
+        is_remark = bool(rows[place]) and rows[place][0].endswith(":")
+        if not is_remark and sum(_are_numbers(rows[place], decimal)) >= MIN_NUMBERS:
+            break
+        yield rows[place]
 
 
 def _with_units(names: Sequence[str], units: Sequence[str]) -> tuple[str, ...]:
@@ -239,6 +256,7 @@ class TextTable:
     names: tuple[str, ...]  # column names
     head: int  # first byte of the header
     start: int  # first byte of the first row of numbers
+    titles: tuple[str, ...] = ()  # cells of the row above the header
     counts: bool = False  # whether the first column contains numbers
     numbers: int = 0  # number of columns with numbers
 
@@ -283,7 +301,7 @@ def find_dialect(content: bytes) -> TextDialect | None:
         named = tuple(name or f"column {number}" for number, name in enumerate(names, 1))
         dialect = _dialect(lines, first)
         counts = len(lines) > 1 and is_number(line_cells(lines[1][1] + first, first)[0], dialect.decimal)
-        first_table = TextTable(named, begin, end, counts)
+        first_table = TextTable(named, begin, end, (), counts)
         return replace(dialect, tables=(first_table, *(t for t in dialect.tables if t.head > begin)))
     # A tab may be the delimiter, and is also a blank.
     separate = {*"".join(text for _, text in lines).replace("\t", "\t ")}
@@ -311,7 +329,7 @@ def _nameless_dialect(lines: list[tuple[int, str]]) -> TextDialect | None:
         columns, numbers = len(rows[0]), [sum(_are_numbers(row, decimal)) for row in rows]
         if columns >= MIN_NUMBERS <= min(numbers) and all(len(row) == columns for row in rows):
             words = sum(not is_missing(cell) for row in rows for cell in row) - sum(numbers)
-            table = TextTable(numbered_names(columns), begin, begin, True)
+            table = TextTable(numbered_names(columns), begin, begin, (), True)
             options.append((words, TextDialect(delimiter, decimal, (table,))))
     return min(options, key=lambda option: option[0], default=(0, None))[1]
 
@@ -354,7 +372,7 @@ def _dialect(lines: list[tuple[int, str]], delimiter: str) -> TextDialect:
         head, start = (lines[row][0] for row in (layout.header, layout.first))
         counts = is_number(rows[layout.first][0], decimal)
         numbers = max(sum(_are_numbers(row, decimal)) for row in rows[layout.first :][:3])
-        tables.append(TextTable(tuple(names[:width]), head, start, counts, numbers))
+        tables.append(TextTable(tuple(names[:width]), head, start, layout.titles, counts, numbers))
     return TextDialect(delimiter, decimal, tuple(tables))
 
 
@@ -459,4 +477,10 @@ def same_columns(blocks: Sequence[TableBlock], selected: str, place: Path) -> tu
         f"{'line ' * b.title.isdecimal()}'{b.title}' ({b.rows:,} row{'s' * (b.rows != 1)})" for b in omitted
     ]
     option = f"--table {shlex.quote(omitted[0].title)}"
-    return chosen, [f"not read, because the columns differ: {list_first(sizes)}; {option} reads one"]
+    note = f"not read, because the columns differ: {list_first(sizes)}; {option} reads one"
+    # A line of words among the rows, such as a remark with as many cells, looks like column names.
+    alike = (block for block in omitted if len(block.names) == len(longest.names))
+    doubtful = next((block.title for block in alike if not _is_measurement(block.names)), "")
+    if doubtful.isdecimal() and not selected:
+        note += f"; if line {doubtful} names no columns, remove it"
+    return chosen, [note]

@@ -13,17 +13,22 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.estimation.data.column_names import TIME, guess_columns
 from palpate.estimation.data.file_columns import FileColumns, check_size, most_bytes, pa, pa_csv, pc
+from palpate.estimation.data.quantity_words import FOREIGN_WORDS
 from palpate.estimation.data.table_layout import matching_places, with_run
 from palpate.estimation.data.text_dialect import (
     BLANKS,
+    NAMELESS,
     TableBlock,
     TextDialect,
     TextTable,
     find_dialect,
     is_footer,
     is_missing,
+    is_number,
     line_cells,
+    numbered_names,
     preamble_notes,
     same_columns,
 )
@@ -33,6 +38,9 @@ from palpate.robot_io.types import IntArray
 _MAX_LINE_BYTES = 2**20 - 1  # bytes; the reader uses blocks of 1 MiB, each of which must contain a line end
 _MAX_COLUMNS = 20_000  # limits computing time, since each name is compared with all words for a quantity
 _SHOWN = 60  # characters of a rejected line that an error message shows
+_MIN_NUMBERS = 3  # least number of rows of a file with one column
+_ALIKE = 100  # first lines that decide on the decimal mark of a file with one column
+_SYSTEMATIC = 0.25  # least share of short rows that are intentional; fewer are damaged rows
 
 
 def read_text_table(path: Path, selected: str) -> FileColumns:
@@ -47,6 +55,8 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
     """
     content, encoding = _read_text(path)
     dialect = find_dialect(content)
+    if dialect is None and (column := _only_column(content)) is not None:
+        return column
     if dialect is None:  # names may have quoted line breaks, as spreadsheets write them
         content = _NAMES_IN_QUOTES.sub(_one_line, content[:_LOOKED_AT]) + content[_LOOKED_AT:]
         dialect = find_dialect(content) or _raise_no_table(content, path)
@@ -71,20 +81,38 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
     chosen, note = same_columns(blocks, selected, path)
     tests = [block for place in chosen for block in _blocks(content, *filled[place], dialect.delimiter)]
     lead = content[: tests[0][0].head if chosen[0] == 0 else 0].decode(errors="replace").splitlines()
-    notes = [*dialect.notes, *preamble_notes(sum(1 for line in lead if line.strip())), *note]
+    preamble = tuple(line.strip() for line in lead if line.strip())
+    notes = [*dialect.notes, *preamble_notes(len(preamble)), *note]
     notes += [f"a footer of {len(footer)} line{'s' if len(footer) > 1 else ''}"] if footer else []
     notes += [f"text in {encoding}"] if encoding else []
-    parts, lines = [], []
+    parts, lines, repairs = [], [], dict[str, None]()
     for number, (table, end) in enumerate(tests, 1):
         place = f"{path}, test {number}" if len(tests) > 1 else str(path)
-        part, part_lines = _parse_rows(content, table, end, dialect, place)
+        part, part_lines, part_repairs = _parse_rows(content, table, end, dialect, place)
         parts.append(part.select(matching_places(table.names, tests[0][0].names)))
         lines.append(part_lines)
-    if len(parts) > 1:
+        repairs |= dict.fromkeys(part_repairs)
+    notes += repairs
+    titles = tests[0][0].titles if len(parts) == 1 else ()
+    if len(parts) > 1 and (clock := _continued_clock(parts, dialect.decimal)):
+        notes.append(f"{len(parts)} parts are read as one recording, because '{clock}' continues")
+    elif len(parts) > 1:
         parts = [with_run(part, str(number)) for number, part in enumerate(parts, 1)]
         notes.append(f"{len(parts)} tests one after the other, read as runs")
     numbers = np.concatenate(lines)
-    return FileColumns(pa.concat_tables(parts), dialect.decimal, tuple(notes), numbers, "line")
+    return FileColumns(
+        pa.concat_tables(parts), dialect.decimal, tuple(notes), titles, numbers, "line", preamble
+    )
+
+
+def is_prose(path: Path) -> bool:
+    """Return whether a short .txt file, as a readme, has no table and no line that begins with a number."""
+    if path.suffix.lower() != ".txt" or path.stat().st_size > _LOOKED_AT:
+        return False
+    with suppress(InputError):
+        content, _ = _read_text(path)
+        return not re.search(rb"(?m)^[^\w\n]*\d", content) and find_dialect(content) is None
+    return False
 
 
 def _read_text(path: Path) -> tuple[bytes, str]:
@@ -101,13 +129,15 @@ def _read_text(path: Path) -> tuple[bytes, str]:
     content = re.sub(rb"\xe2\x88\x92(?<![0-9A-DF-Za-df-z]\xe2\x88\x92)(?=[\d.])", b"-", content)
     for mark in (b"'", b"\xe2\x80\x99"):  # in "1'000"
         content = re.sub(mark + rb"(?<=\d" + mark + rb")(?=\d{3}(?!\d))", b"", content)
-    content = re.sub(rb"\n +(?=\r?\n)", b"\n", content)  # blank lines
+    if _FORTRAN.search(content[:_LOOKED_AT]):
+        content = re.sub(rb"[dD](?<=[\d.]{2}[dD])(?=[-+]\d\d)", b"e", content)
     first_lines = content.lstrip()[: _MAX_LINE_BYTES + 1]
     if len(first_lines) > _MAX_LINE_BYTES and b"\n" not in first_lines:
         raise InputError(f"{path}: its first line is longer than 1 MiB; put the names of the columns there")
     return content, encoding
 
 
+_FORTRAN = re.compile(rb"\d\.\d*[dD][-+]\d\d")  # a number of double precision, such as "1.5D+03"
 _NAMES_IN_QUOTES = re.compile(rb'(?:[^"\r\n]|"[^"]{0,1000}")+')  # one row with quoted line breaks
 
 
@@ -133,10 +163,25 @@ def _blocks(content: bytes, table: TextTable, end: int, delimiter: str) -> list[
 _COMMENT_LINE = re.compile(rb"\n[ \t]*(?:[#%!]|//)[^\n]*")
 
 
+def _continued_clock(parts: Sequence[pa.Table], decimal: str) -> str:
+    """Return the clock that continues from part to part, as in a table split into pages; empty for none."""
+    clocks = [guess.column for guess in guess_columns(parts[0].column_names) if guess.key == TIME]
+    if len(clocks) != 1 or not all(map(len, parts)):
+        return ""
+    ends = []
+    for part in parts:
+        cells = (str(part.column(clocks[0])[row].as_py()) for row in (0, max(-2, -len(part)), -1))
+        ends.append([number_of(cell.replace(decimal, ".")) for cell in cells])
+    first, last_but_one, last = np.array(ends).T
+    gaps, steps = first[1:] - last[:-1], last - last_but_one
+    steps = np.where(steps > 0.0, steps, steps.max())  # one row between comments has no step
+    return clocks[0] if ((gaps > 0.0) & (gaps <= _ONE_STEP * steps[:-1])).all() else ""
+
+
 def _parse_rows(
     content: bytes, table: TextTable, end: int, dialect: TextDialect, place: str
-) -> tuple[pa.Table, IntArray]:
-    """Parse the rows of a table without a copy; also return the line of each row."""
+) -> tuple[pa.Table, IntArray, list[str]]:
+    """Parse the rows of a table without a copy; also return the line of each row, and notes on repairs."""
     rows, delimiter = pa.py_buffer(content).slice(table.start, end - table.start), dialect.delimiter
     if delimiter == BLANKS:
         tabbed = re.sub(rb"[ \t]+", b"\t", content[table.start : end])  # one tab for each stretch of blanks
@@ -144,6 +189,11 @@ def _parse_rows(
     try:
         part = _parse(rows, table.names, delimiter)
     except pa.ArrowInvalid as error:
+        lines = _line_numbers(content, table.start, end)
+        completed = _completed_rows(rows.to_pybytes(), lines, table, dialect.delimiter)
+        with suppress(pa.ArrowInvalid):
+            if completed and len(part := _parse(completed[0], table.names, delimiter)) == len(lines):
+                return part, lines, completed[1]
         problem = " ".join(str(error).split())[:200]
         invalid: list[pa_csv.InvalidRow] = []
         try:
@@ -154,7 +204,7 @@ def _parse_rows(
             number, expected = invalid[0].actual_columns, invalid[0].expected_columns
             cells = f"{number} {'cell' if number == 1 else 'cells'}"
             text = " ".join(invalid[0].text.split())[:_SHOWN]
-            line = _line_numbers(content, table.start, end)[invalid[0].number - 1]
+            line = lines[invalid[0].number - 1]
             problem = f"line {line} has {cells} and the header {expected}: {text!r}; correct or remove it"
         raise InputError(f"{place}: {problem}") from error
     lines = _line_numbers(content, table.start, end, len(part))
@@ -167,7 +217,27 @@ def _parse_rows(
                     f"{place}: line {lines[row]}: a quotation mark opens a cell that holds {len(inside)} "
                     "more lines, with numbers; close or remove it"
                 )
-    return part, lines
+    return part, lines, []
+
+
+def _completed_rows(
+    rows: bytes, lines: IntArray, table: TextTable, delimiter: str
+) -> tuple[pa.Buffer, list[str]] | None:
+    """Complete rows that end before the last column, with a note; None for few rows, which are damaged."""
+    texts = [line for line in rows.decode(errors="replace").splitlines() if line.strip(" ")]
+    lacking = np.array([len(table.names) - len(line_cells(text, delimiter)) for text in texts])
+    short = np.flatnonzero(lacking > 0)
+    few = delimiter == BLANKS or len(short) < _SYSTEMATIC * len(texts)
+    if len(texts) != len(lines) or (len(short) and few):
+        return None
+    notes = []
+    if len(short):
+        notes.append(
+            f"{len(short)} of {len(texts)} rows lack their last cells, which are read as empty; the first is "
+            f"in line {lines[short[0]]}"
+        )
+    completed = (text + delimiter * max(lack, 0) for text, lack in zip(texts, lacking.tolist(), strict=True))
+    return pa.py_buffer("\n".join(completed).encode()), notes
 
 
 def _line_numbers(content: bytes, begin: int, end: int, count: int | None = None) -> IntArray:
@@ -194,16 +264,33 @@ def number_of(text: object) -> float:
         return math.nan
 
 
+def _only_column(content: bytes) -> FileColumns | None:
+    """Read lines with one number each, perhaps below a name, as a part of a measurement; or None."""
+    lines = [line.strip() for line in content.decode(errors="replace").splitlines()]
+    filled = [number for number, line in enumerate(lines) if line]
+    decimal = "," if any("," in lines[n] for n in filled[1:_ALIKE]) else "."
+    header = [] if is_number(lines[filled[0]], decimal) else [lines[filled.pop(0)]]
+    if len(filled) < _MIN_NUMBERS or not all(is_number(lines[number], decimal) for number in filled):
+        return None
+    name = header[0].strip('"') if header else numbered_names(1)[0]
+    column = pa.table({name: pa.array([lines[number] for number in filled])})
+    notes = () if header else (NAMELESS,)
+    return FileColumns(column, decimal, notes, rows=1 + np.array(filled), row_word="line")
+
+
 def _raise_no_table(content: bytes, path: Path) -> TextDialect:
     """Raise the error that explains why no table was found."""
     line, *rest = content.lstrip().splitlines()
     header = line.decode(errors="replace")
     if not any(rest):
         raise InputError(f"{path}: no rows of data")
+    first = next((line.decode(errors="replace") for line in rest if line.strip()), "")
+    remedy = "write the column names in one line, with numbers below each name"
+    if with_unit := _WITH_UNIT.search(first):
+        remedy = f"write a unit in the name of its column, not behind numbers as in {with_unit[0]!r}"
     raise InputError(
         f"{path}: no line of column names above rows of numbers was found; the file begins with "
-        f"{' '.join(header.split())[:_SHOWN]!r}; write the column names in one line, with numbers, without "
-        "their units, below each name; if it is no measurement, leave it out"
+        f"{' '.join(header.split())[:_SHOWN]!r}; {remedy}; if it is no measurement, leave it out"
     )
 
 
@@ -234,16 +321,31 @@ def _end_of_rows(content: bytes, table: TextTable, end: int, delimiter: str) -> 
     return end
 
 
+_ENCODINGS = ("cp1252", "gb18030", "cp932", "cp949", "cp1250", "cp1251")  # after UTF-8 and UTF-16
+_ONE_STEP = 2.0  # largest interval between two parts of a recording, in steps of the clock
+_WITH_UNIT = re.compile(r"(?<![\w.])[+-]?\d+(?:[.,]\d+)? ?[A-Za-zµ°%]{1,6}\b")  # a cell such as "0.5 mm"
+_FEW_ZEROS = 1e-3  # largest share of zero bytes in a text
+_LOST_IN_NUMBER = re.compile(rb"(?<=[\d.])\0+|\0+(?=[-+\d.])")  # zero bytes that stand for lost characters
 _CONTROLS = bytes(set(range(32)) - set(b"\t\n\r\f\x1a\x1b")) + b"\x7f\x81\x8d\x8f\x90\x9d"  # not in a text
 _LOOKED_AT = 1 << 16  # bytes
+_OTHER_FORMATS = (  # first bytes of other file types, and the remedy
+    (b"\x89PNG", "is a picture; save the measurements themselves"),
+    (b"\xff\xd8\xff", "is a picture; save the measurements themselves"),
+    (b"%PDF", "is a PDF; save the measurements themselves"),
+    (b"PK\x03\x04", "is a packed archive, perhaps a workbook: rename it to end in .xlsx or .npz"),
+    (b"\x1f\x8b", "is compressed: rename it to end in .gz"),
+    (b"PAR1", "is a Parquet file: rename it to end in .parquet"),
+)
 
 
 def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
     """Convert a text to UTF-8 without byte order mark, and return its encoding if it was not UTF-8.
 
-    UTF-16 is recognized by its byte order mark, or by zero bytes between Latin letters. Other text without
-    control characters is read as Western European (cp1252), which testing machines use for degree signs and
-    umlauts.
+    UTF-16 is recognized by its byte order mark, or by zero bytes between Latin letters. For other text that
+    is not UTF-8, the encoding is the first one in which the text contains a known word, such as the Chinese
+    word for force. Otherwise, text without control characters is read as Western European (cp1252), which
+    testing machines use for degree signs and umlauts. A few zero bytes are ends of strings and are removed;
+    next to a digit they are lost characters of a number, and become U+FFFD, which no number contains.
 
     Args:
         content: content of the file.
@@ -259,14 +361,29 @@ def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
     for name, zeros, letters in (("utf-16-le", head[1::2], head[::2]), ("utf-16-be", head[::2], head[1::2])):
         if len(head) >= 4 and not encoding and zeros.count(0) > 0.9 * len(zeros) and not letters.count(0):
             encoding = name
+    if not encoding and content.count(b"\0") <= _FEW_ZEROS * len(content):
+        content = _LOST_IN_NUMBER.sub("\ufffd".encode(), content).replace(b"\0", b"")
     try:
-        if not encoding and b"\0" not in content:
-            content.decode()
-            return content, ""
-    except UnicodeDecodeError:
-        if not any(byte in _CONTROLS for byte in head):
-            return content.decode("cp1252", errors="replace").encode(), "cp1252"
-    with suppress(UnicodeDecodeError):
         if encoding:
             return content.decode(encoding).encode(), encoding
-    raise InputError(f"{path}: is not a text file; save it as CSV in UTF-8")
+        if not content.isascii():
+            content.decode()
+    except UnicodeDecodeError:
+        if encoding:
+            raise _no_text(content, path) from None
+        head = content[:_LOOKED_AT]  # the last character may be truncated
+        texts = {name: codecs.getincrementaldecoder(name)("replace").decode(head) for name in _ENCODINGS}
+        texts = {name: text.lower() for name, text in texts.items() if "�" not in text}
+        known = (name for name, text in texts.items() if any(word in text for word in FOREIGN_WORDS))
+        encoding = next(known, "cp1252")
+        if encoding == "cp1252" and any(byte in _CONTROLS for byte in head):
+            raise _no_text(content, path) from None
+        return content.decode(encoding, errors="replace").encode(), encoding
+    if b"\0" in content:
+        raise _no_text(content, path)
+    return content, ""
+
+
+def _no_text(content: bytes, path: Path) -> InputError:
+    formats = (words for begins, words in _OTHER_FORMATS if content.startswith(begins))
+    return InputError(f"{path}: {next(formats, 'is not a text file; save it as CSV in UTF-8')}")

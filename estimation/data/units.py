@@ -18,6 +18,7 @@ _INCH = 0.0254
 MAX_STEP_S = 0.5  # step between samples above which another unit of time is more likely
 MIN_STEP_S = 1e-5  # step between samples below which another unit of time is more likely
 MIN_RECORDING_S = 1.0  # shortest plausible duration of a recording
+_SLOW_STEP_S = 1.0  # longest step between samples of a slow recording, in a unit of time that is proposed
 
 
 def _with_prefixes(unit: str, prefixes: str, factor: float = 1.0) -> dict[str, float]:
@@ -84,26 +85,33 @@ _UNIT_NAMES = {  # names that may have a prefix and a plural
     "Pa": "pascal",
 }
 _SPELLINGS = {  # other spellings of units, in lower case
-    "s": "sek sekunde sekunden seg segundos secondes",
-    "min": "mins minute minutes minuten",
-    "h": "hr hrs hour hours std stunde stunden heure heures",
+    "s": "sek sekunde sekunden seg segundos secondes с сек 秒 초",
+    "min": "mins minute minutes minuten мин",
+    "h": "hr hrs hour hours std stunde stunden heure heures ч",
     "day": "days tag tage jour jours",
-    "ms": "msec msecs",
-    "us": "usec usecs",
+    "ms": "msec msecs мс 毫秒",
+    "us": "usec usecs мкс 微秒",
     "ns": "nsec nsecs",
-    "um": "micron microns",
+    "m": "м 米",
+    "cm": "см 厘米",
+    "um": "micron microns мкм 微米",
+    "mm": "мм 毫米",
+    "nm": "нм",  # a torque in N m, see `read_as`
+    "rad": "рад 弧度",
+    "N": "н 牛 牛顿",
+    "kN": "кн 千牛",
     "in": 'inch inches "',
     "ft": "foot feet",
-    "deg": "degree degrees degs grad °",
+    "deg": "degree degrees degs grad ° град 度 도",
     "rev": "revs revolution revolutions turn turns",
-    "rpm": "rev_min u_min 1_min",
-    "gf": "g gram grams gramm",
-    "kgf": "kg kp",
-    "tf": "tonf tonne tonnes",
+    "rpm": "rev_min u_min 1_min об_мин",
+    "gf": "g gram grams gramm гс 克",
+    "kgf": "kg kp кгс 公斤 千克",
+    "tf": "tonf tonne tonnes тс 吨",
     "ozf": "oz ounce ounces",
     "lbf": "lb lbs pound pounds",
     "kip": "kips kipf klbf",
-    "Nm": "n.m n-m",
+    "Nm": "n.m n-m 牛米",
     "gfcm": "gcm",
     "kgfcm": "kgcm kpcm",
     "kgfm": "kgm",
@@ -135,21 +143,25 @@ _BY_LETTERS = {_lower_case(unit): unit for unit in _FACTORS if unit not in {"nm"
     "Min": "min"
 }
 
-_SCALED = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)(.+)")
+_SCALED = re.compile(r"×?([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)(.+)")
+_POWER_OF_TEN = re.compile(  # before a unit, as in "0.1 N", "10^-3 N", "1/100 s" and "x1000 N"
+    r"([x×*·]?) ?(1 ?/ ?10+|0?[.,]0*1|10 ?(?:\^|\*\*|(?=[-+])) ?[-+]?\d\d?|1e[-+]?\d\d?|10+) ?[x×*·]? ?(\D.*)"
+)
 _CLOCK = re.compile(r"(h{1,2}:)?m{1,2}:s{1,2}([.,:][sf0mx]+)?", re.IGNORECASE)  # format of a clock time
 
 
 def normalize_unit(unit: str) -> str:
     """Convert a unit to its standard spelling: "mm/s^2" to "mm_s2", "N m" and "N*m" to "Nm".
 
-    A capital M is mega and a small m is milli: "MN" is not a millinewton. Unknown units are unchanged.
+    A capital M is mega and a small m is milli: "MN" is not a millinewton. "10^-3 N" becomes "×1e-3N".
+    Unknown units are unchanged.
 
     Args:
         unit: unit as written, such as "mm/s^2".
     """
     plain = unit.strip().replace("²", "2").replace("^", "").replace("/", "_")
     plain = re.sub("[ *·⋅∙×]", "", re.sub("[µμ]", "u", plain)).rstrip(".")
-    if dimension_of(known := "s" if _CLOCK.fullmatch(plain) else plain):
+    if dimension_of(known := "s" if _CLOCK.fullmatch(plain) else _power_of_ten(unit) or plain):
         return known
     upright, _, per = plain.partition("_")
     for whole, rest in ((plain, ""), (upright, f"_{per.lower()}")):
@@ -162,6 +174,16 @@ def normalize_unit(unit: str) -> str:
         product = normalize_unit(re.sub("[.-]", "", plain))
         return product if dimension_of(product) == "torque" else plain
     return plain
+
+
+def _power_of_ten(unit: str) -> str:
+    """Convert "10^-3 N" to "×1e-3N"; empty for other text. "100 N" may be the range of a sensor."""
+    match = _POWER_OF_TEN.fullmatch(unit.strip().replace("−", "-"))
+    dimension = dimension_of(base := normalize_unit(match[3])) if match else None
+    if not match or not dimension or (match[2].isdecimal() and not match[1] and dimension != "time"):
+        return ""
+    number = re.sub(r"^10(\^|\*\*|(?=[-+]))", "1e", match[2].replace(" ", "").replace(",", "."))
+    return f"×{1.0 / float(number[2:]):g}{base}" if "/" in number else f"×{number}{base}"
 
 
 def read_as(unit: str, dimensions: Collection[str]) -> str:
@@ -178,18 +200,20 @@ def dimension_of(unit: str) -> str | None:
     """Return the dimension of a unit, or None for an unknown unit.
 
     Args:
-        unit: unit in the standard spelling of `normalize_unit`, such as "mm_s2".
+        unit: unit in the standard spelling of `normalize_unit`, such as "mm_s2" or "×0.1N".
     """
-    return _FACTORS[unit][0] if unit in _FACTORS else None
+    base = scaled_unit(unit, "")[1] if unit.startswith("×") else unit
+    return _FACTORS[base][0] if base in _FACTORS else None
 
 
 def si_factor(unit: str) -> float:
     """Return the factor of a known unit to SI.
 
     Args:
-        unit: unit in the standard spelling of `normalize_unit`, such as "mm_s2".
+        unit: unit in the standard spelling of `normalize_unit`, such as "mm_s2" or "×0.1N".
     """
-    return _FACTORS[unit][1]
+    scale, base = scaled_unit(unit, "")
+    return scale * _FACTORS[base][1]
 
 
 def likely_time_unit(step: float, span: float = math.inf) -> str:
@@ -206,6 +230,30 @@ def likely_time_unit(step: float, span: float = math.inf) -> str:
     number = next((n for n, unit in enumerate(units[:3]) if step * _TIME[unit] <= MAX_STEP_S), 3)
     is_too_short = span * _TIME[units[number]] < MIN_RECORDING_S
     return units[number - 1] if is_too_short and number > 0 else units[number]
+
+
+def other_time_unit(step_s: float, span_s: float, factor: float) -> str:
+    """Return the unit of time to propose if the one in use gives an implausible step between samples.
+
+    It is the unit with the most plausible step and duration; of equally plausible ones, the unit that is
+    closest to the one in use. The unit in use is never returned, nor is a day, in which no clock counts.
+
+    Args:
+        step_s: step between samples in the unit in use, converted to seconds.
+        span_s: time from the first to the last sample, converted likewise.
+        factor: factor of the unit in use to seconds.
+    """
+
+    def distance(unit: str) -> tuple[float, float]:
+        ratio = _TIME[unit] / factor
+        step, span = max(ratio * step_s, SMALLEST), max(ratio * span_s, SMALLEST)
+        excess = (
+            max(step / _SLOW_STEP_S, 1.0) * max(MIN_STEP_S / step, 1.0) * max(MIN_RECORDING_S / span, 1.0)
+        )
+        return excess, abs(math.log(ratio))
+
+    counted = (unit for unit in _TIME if unit != "day" and not math.isclose(_TIME[unit], factor))
+    return min(counted, key=distance)
 
 
 def is_scaled(unit: str) -> bool:

@@ -248,6 +248,7 @@ _IMPLAUSIBLE: tuple[tuple[str, _Check], ...] = (
     ("enough", sampling.never_repeated),
     ("units", motion_and_effort.mistaken_units),
     ("sync", motion_and_effort.misaligned),
+    ("sync", sampling.lost_rows),
     ("excitation", sampling.single_speed),
     ("excitation", motion_and_effort.unrelated),
     ("excitation", motion_and_effort.late_touch),

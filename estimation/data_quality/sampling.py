@@ -4,14 +4,16 @@ from itertools import pairwise
 
 import numpy as np
 import scipy
+from numpy.lib.stride_tricks import sliding_window_view
 
 from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.derivatives import grid_step
 from palpate.estimation.estimate import with_unit
 from palpate.estimation.fit.blocks import PIECES, block_length
 from palpate.estimation.model import Model
 from palpate.estimation.signals.blocks import blocks
 from palpate.estimation.signals.motion import has_constant_speed, is_one_pass, never_returns
-from palpate.estimation.signals.runwise import sample_time, shift
+from palpate.estimation.signals.runwise import is_even, sample_time, shift
 from palpate.estimation.statistics.correlation import noise_between_samples
 from palpate.estimation.statistics.least_squares import solve
 from palpate.robot_io.types import FloatArray
@@ -99,6 +101,14 @@ _MIN_GAIN = 1.05  # least ratio of the errors without and with a shift
 _MIN_CHI2 = 50.0  # least chi-square with one degree of freedom: seven standard deviations
 _MAX_SAMPLES = 6_000  # most samples that are used: the first whole runs
 _MIN_SAMPLES = 200
+_NEIGHBORS = 5  # steps on each side that determine the local speed
+_MIN_STEP = 0.3  # least step, relative to the usual largest, at which a jump is distinguishable from noise
+_MAX_SPREAD = 0.15  # largest median difference between neighboring steps, relative to a step
+_MIN_JUMP = 1.7  # ratio to neighboring steps from which a step is a jump
+_MAX_JUMPS = 0.1  # share of steps; more jumps belong to the motion or to an encoder's steps
+_FINE, _MAX_FINE = 4.0, 0.25  # encoder steps per motion step above which a larger share may be jumps
+_MIN_JUMPS = 3
+_MAX_OFF, _MIN_WHOLE = 0.25, 0.8  # deviation of a jump from whole steps, and share of the jumps within it
 
 
 def time_offset(data: ChannelData, model: Model | None) -> str | None:
@@ -162,4 +172,43 @@ def time_offset(data: ChannelData, model: Model | None) -> str | None:
         f"the effort is {1e3 * abs(best_s):.2g} ms {side} relative to the motion: the error of "
         f"{model.name} is {with_unit(recorded, unit)} as recorded, and falls to the noise level of "
         f"{with_unit(error, unit)} if shifted; align their times in the file"
+    )
+
+
+def lost_rows(data: ChannelData) -> str | None:
+    """Report missing rows in data with even time steps, at which the motion jumps by several steps.
+
+    If rows were lost and the times renumbered, the recorded motion is faster than the real one.
+
+    Args:
+        data: the channel.
+    """
+    if len(data) < _MIN_SAMPLES or not is_even(data.time_s, data.run):
+        return None
+    steps, typical = np.zeros(len(data)), np.zeros(len(data))
+    for rows in blocks(data.run):
+        if rows.stop - rows.start > 2 * _NEIGHBORS + 1:
+            step = np.diff(data.position[rows])
+            steps[rows.start : rows.stop - 1] = step
+            neighbors = np.median(sliding_window_view(step, 2 * _NEIGHBORS + 1), axis=1)
+            typical[rows.start + _NEIGHBORS : rows.stop - 1 - _NEIGHBORS] = neighbors
+    is_fast = np.abs(typical) > _MIN_STEP * float(np.quantile(np.abs(typical), 0.95))
+    if np.sum(is_fast) < _MIN_SAMPLES // 2:
+        return None
+    ratio = steps[is_fast] / typical[is_fast]
+    jumps = ratio > _MIN_JUMP
+    is_regular = float(np.median(np.abs(ratio - 1.0))) < _MAX_SPREAD
+    is_fine = float(np.median(np.abs(typical[is_fast]))) > _FINE * grid_step(data.position)
+    max_share = _MAX_FINE if is_fine else _MAX_JUMPS
+    if not is_regular or np.sum(jumps) < _MIN_JUMPS or np.mean(jumps) > max_share:
+        return None
+    if np.sum(ratio < 2.0 - _MIN_JUMP) > _MAX_JUMPS * np.sum(jumps):  # noise causes as many short steps
+        return None
+    if np.mean(np.abs(ratio[jumps] - np.round(ratio[jumps])) < _MAX_OFF) < _MIN_WHOLE:
+        return None
+    lost = float(np.sum(ratio[jumps] - 1.0)) / len(ratio)
+    return (
+        f"the motion jumps by {np.median(ratio[jumps]):.2g} steps at {np.sum(jumps)} places although "
+        f"the times are evenly spaced: about {100.0 * lost:.1f} % of the rows seem to be lost, so "
+        "effects of the velocity are estimated wrongly; record all rows, or restore the true times"
     )

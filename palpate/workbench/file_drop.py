@@ -37,6 +37,7 @@ class ColumnGuess:
     name: str
     quantity: str
     unit: str  # empty if the file states none; inferred for time, otherwise the user is asked
+    why: str
     values: str
     stated: str = ""  # unit stated in the file
 
@@ -70,11 +71,13 @@ def suggest_columns(table: Table) -> list[ColumnGuess]:
         if table.numeric_share(each.column) == 1.0:
             quantity, unit = proposed.get(each.column, ("", ""))
             values = ", ".join(f"{value:.4g}" for value in table.head(_SHOWN).numbers(each.column))
-            columns.append(ColumnGuess(each.column, quantity, unit, values, each.unit))
+            why = each.why if unit or not quantity else f"{each.why}; unit not stated"
+            known = unit if unit in units_of(quantity) else ""  # none with a factor, as in "[0.1 N]"
+            columns.append(ColumnGuess(each.column, quantity, known, why, values, each.unit))
     if not any(column.quantity == "time" for column in columns):
         for column in columns:
             if not column.quantity and np.all(np.diff(table.numbers(column.name)) > 0.0):
-                column.quantity = "time"
+                column.quantity, column.why = "time", "rises all along"
                 break
     return columns
 
@@ -180,7 +183,7 @@ class FileDrop:
     def _column_row(column: ColumnGuess, choices: list[str]) -> None:
         with ui.element("tr"):
             with ui.element("td"):
-                ui.label(column.name)
+                set_props(ui.label(column.name), title=column.why)
             with ui.element("td"):
                 known = choices if column.quantity in {*choices, ""} else [*choices, column.quantity]
                 quantity = ui.select(known, value=column.quantity or NOTHING).props(_SELECT)

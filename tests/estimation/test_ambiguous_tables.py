@@ -1,5 +1,7 @@
 """Tables that could be read as other numbers, or with fewer rows: each is refused or has a note."""
 
+import shlex
+
 import numpy as np
 import openpyxl
 import pytest
@@ -110,6 +112,22 @@ def test_pause_longer_than_the_rest_of_the_run_is_reported(tmp_path):
     notes = notes_of(tmp_path / "press.csv", HEADER, time_s, DEPTH_M, FORCE_N)
     assert "'time_s' jumps by 3600 s to line 153" in notes
     assert "jumps" not in notes_of(tmp_path / "press.csv", HEADER, TIME_S, DEPTH_M, FORCE_N)
+
+
+@pytest.mark.parametrize(
+    ("name", "scale", "differs"),
+    [
+        ("real_time", 2.0, True),
+        ("real_time", 1e3, False),
+        ("elapsed time [ms]", 2e3, True),
+        ("lap", 2.0, False),
+    ],
+)
+def test_clock_of_another_duration_is_reported(tmp_path, name, scale, differs):
+    header, times = f"timestamp;{name};displacement_m;force_N;note", (TIME_S, scale * TIME_S + 7.0)
+    notes = notes_of(tmp_path / "press.csv", header, *times, DEPTH_M, FORCE_N)
+    assert (f"'{name}' is a clock too" in notes) is differs
+    assert (f"--column time={shlex.quote(name)}" in notes) is differs
 
 
 def test_unit_that_makes_numbers_too_large_is_refused(tmp_path):

@@ -23,9 +23,19 @@ def write(folder, head, rows=ROWS, encoding="utf-8"):
     [
         ("Prüfzeit", "Eindringtiefe", "Prüfkraft"),
         ("Temps", "Déplacement", "Charge"),
+        ("Temps", "Allongement des mors", "Force"),
         ("Temps", "Deplacement", "Force"),  # without accents, and with one that stands apart
         ("Temps", "De\u0301placement", "Force"),
         ("Tiempo", "Desplazamiento", "Fuerza"),
+        ("Tempo", "Spostamento", "Forza"),
+        ("Tempo", "Deslocamento", "Força"),
+        ("Czas", "Przemieszczenie", "Siła"),
+        ("Время", "Перемещение", "Нагрузка"),
+        ("Tijd", "Verplaatsing", "Kracht"),
+        ("Süre", "Uzama", "Yük"),
+        ("时间", "位移", "力"),
+        ("時間", "変位", "試験力"),
+        ("시간", "변위", "하중"),
     ],
 )
 def test_words_of_a_language_choose_among_columns_of_one_unit(tmp_path, names):
@@ -58,7 +68,24 @@ def test_sentence_above_the_numbers_names_no_columns(tmp_path, head):
     check_press(import_file(path, BY_NUMBER))
 
 
-@pytest.mark.parametrize("names", ["time,Weg,Kraft", "time_r,elongation_r,load_r"])
+@pytest.mark.parametrize(
+    ("head", "encoding"),
+    [
+        ("时间(s),位移(mm),力(N)", "gb18030"),
+        ("時間(s),変位(mm),荷重(N)", "cp932"),
+        ("시간(s),변위(mm),하중(N)", "cp949"),
+        ("Czas (s),Wydłużenie (mm),Siła (N)", "cp1250"),
+        ("Время (s),Перемещение (mm),Сила (N)", "cp1251"),
+        ("Prüfzeit (s),Weg (mm),Kraft (N)", "cp1252"),
+    ],
+)
+def test_known_word_identifies_the_encoding(tmp_path, head, encoding):
+    imported = import_file(write(tmp_path, [head], ROWS[:50], encoding))
+    assert f"text in {encoding}" in imported.read
+    assert list(imported.roles) == head.split(",")
+
+
+@pytest.mark.parametrize("names", ["时间,位移,力", "time_r,elongation_r,load_r"])
 def test_advice_completes_known_words(tmp_path, names):
     path = write(tmp_path, [names])
     with pytest.raises(InputError, match="--unit displacement=mm --unit force=N"):

@@ -9,11 +9,12 @@ from scipy.io import savemat
 
 from palpate.control.loop.task import Phase
 from palpate.estimation.channel import ChannelKind
-from palpate.estimation.data.column_names import split_unit
+from palpate.estimation.data.column_names import guess_column, split_unit
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data.import_file import import_file
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.presses import press_phases
+from palpate.estimation.data.table import read_table
 from palpate.robot_io.errors import InputError
 from tests.estimation.press_tables import FORCE_N, TIME_S, WAY_M, by_the_advice, lines
 from tests.files import saved, write_csv
@@ -50,10 +51,11 @@ def test_blanks_separate_thousands(tmp_path, mark, quote):
         ("t [s];Travel [um];Load [mN]", lambda value: f"{value:,.3f}".replace(",", "'")),
         ("t [s];Travel [um];Load [mN]", lambda value: f"{value:,.3f}".replace(",", "\u2019")),
         ("t [s];Travel [um];Load [mN]", lambda value: f"{value:.3f}".replace("-", "\u2212")),
+        ("t [s];Travel [um];Load [mN]", lambda value: f"{value:.7E}".replace("E", "D")),
         ("t [s],Travel [um],Load [mN]", lambda value: f'"{value:,.3f}"'),
     ],
 )
-def test_numbers_with_apostrophes_and_minus_signs(tmp_path, header, write):
+def test_numbers_with_apostrophes_minus_signs_and_exponents_of_fortran(tmp_path, header, write):
     cells = ([write(value) for value in row] for row in zip(TIME_S, 1e6 * WAY_M, 1e3 * FORCE_N, strict=True))
     text = "".join((";" if ";" in header else ",").join(row) + "\n" for row in cells)
     (channel,) = import_file(saved(tmp_path / "table.csv", f"{header}\n{text}")).channels
@@ -86,7 +88,7 @@ def test_equal_columns_in_two_units_are_read_once(tmp_path):
     ("names", "columns", "kind", "position", "effort"),
     [
         (  # it asks for the force's lever arm
-            *("angle_deg,force_feedback_N", (np.degrees(SWING_RAD), TORQUE_NM)),
+            *("angle_deg,force_feedback", (np.degrees(SWING_RAD), TORQUE_NM)),
             *(ChannelKind.REVOLUTE, SWING_RAD, 0.1 * TORQUE_NM),
         ),
         (
@@ -114,6 +116,19 @@ def test_step_clock_gives_no_runs(tmp_path):
     path.write_text("Total Time (s),Step Time (s),Extension (mm),Load (N)\n" + rows)
     (channel,) = import_file(path).channels
     assert len(channel.runs) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "quantity"),
+    [
+        ("Position des Kolbens (mm)", "position"),
+        ("Joint des Position (rad)", "goal"),
+        ("q des (rad)", "goal"),
+        ("Position des [mm]", ""),
+    ],
+)
+def test_german_des_is_not_desired(name, quantity):
+    assert guess_column(name).quantity == quantity
 
 
 def test_longest_sheet_with_a_measurement_is_read(tmp_path):
@@ -216,7 +231,7 @@ def test_unnamed_columns_are_called_by_their_places(tmp_path, delimiter, decimal
     text = lines(TIME_S, 1e3 * WAY_M, FORCE_N, delimiter=delimiter).replace(".", decimal)
     path = saved(tmp_path / "bare.txt", text)
     with pytest.raises(
-        InputError, match=r"no column names; its first row is 0.0+, .*--column displacement_mm=COLUMN"
+        InputError, match=r"no column names; its first row is 0.0+, .*--column time='column 1'"
     ):
         import_file(path)
     columns = {"time": "column 1", "displacement": "column 2", "force": "column 3"}
@@ -253,6 +268,31 @@ def test_velocity_is_read_with_a_user_unit(tmp_path):
     )
 
 
+def test_late_stamped_rows_are_spread_over_the_gap_before_them(tmp_path):
+    """A logger slept for six steps, and stamped what came meanwhile in quick succession."""
+    t = 1e-3 * np.arange(2000)
+    stamped = t.copy()
+    stamped[500:506] = t[506] - 1e-4 * np.arange(6, 0, -1)
+    lost = np.where(np.arange(2000) < 1500, stamped, stamped + 4e-3)  # four rows are lost, and none is late
+    path = table_file(tmp_path, "Time,Position,Iq\n", lost, np.sin(5.0 * t), np.cos(5.0 * t))
+    found = import_file(path, ImportOptions(units={"position": "rad", "torque": "A", "time": "s"}))
+    (channel,) = found.channels
+    np.testing.assert_allclose(channel.time_s, np.where(np.arange(2000) < 1500, t, t + 4e-3), atol=1e-9)
+    assert any("stamps 6 of 2000 rows late" in note for note in found.notes)
+
+
+def test_remarks_may_state_names_and_units_of_columns(tmp_path):
+    """As an instrument for atomic force microscopy writes its curves."""
+    path = tmp_path / "curve.txt"
+    head = (
+        "# xPosition: 1.2E-5\n# speed: 1.0E-6\n#\n# columns: seriesTime height vDeflection\n"
+        '# fancyNames: "Series Time" "Height (measured)" "Vertical deflection"\n# units: s m N\n#\n'
+    ) + "# settings.segment.1.value: 1\n" * 300
+    path.write_text(head + lines(TIME_S, WAY_M, FORCE_N, delimiter=" ", form="{:.9e}"))
+    assert read_table(path).names == ("seriesTime [s]", "height [m]", "vDeflection [N]")
+    np.testing.assert_allclose(import_file(path).channels[0].effort, FORCE_N, rtol=1e-8)
+
+
 def test_joint_named_by_the_user_is_the_only_one(tmp_path):
     path = table_file(tmp_path, "t,q1,tau1,q2,tau2\n", TIME_S, WAY_M, FORCE_N, 2.0 * WAY_M, 3.0 * FORCE_N)
     columns, units = {"position": "q2", "torque": "tau2"}, {"time": "s", "position": "rad", "torque": "Nm"}
@@ -275,7 +315,7 @@ def test_units_behind_numbers_are_named_as_the_fault(tmp_path, cells):
     path = tmp_path / "typed.csv"
     rows = "".join(f"{0.01 * n:.2f},{cells.format(0.1 * n)}\n" for n in range(150))
     path.write_text("Time [s],Way [mm],Load [N]\n" + rows)
-    with pytest.raises(InputError, match=r"write the unit in the column name|without their units"):
+    with pytest.raises(InputError, match=r"write (a|the) unit in the (name of its column|column name)"):
         import_file(path)
 
 
@@ -366,3 +406,40 @@ def test_repeated_column_is_chosen_by_its_number(tmp_path):
         import_file(path)
     (channel,) = import_file(path, ImportOptions(columns={"force": "force_N (2)"})).channels
     assert channel.effort == pytest.approx(3.1 * depth, abs=1e-3)
+
+
+TESTS = np.tile([2.0, 3.5, 5.0], 2)  # thickness of each specimen
+ONE_LOADING = np.linspace(0.0, 30.0, 40)  # displacement of one test [mm]
+
+
+def specimens_table(folder, name):
+    """Six tests below each other, without a clock; a column states the thickness of the specimen."""
+    thickness = np.repeat(TESTS, len(ONE_LOADING))
+    way = np.tile(ONE_LOADING, len(TESTS))
+    return table_file(folder, f"{name},Force [N],Disp [mm]\n", thickness, 3.0 * thickness * way, way)
+
+
+@pytest.mark.parametrize("name", ["T", "t", "thickness"])
+def test_parameter_of_the_specimen_is_no_clock(tmp_path, name):
+    imported = import_file(specimens_table(tmp_path, name))
+    (channel,) = imported.channels
+    np.testing.assert_allclose(np.diff(channel.time_s[channel.run == 0]), 1.0)
+    assert "if a column holds the time, add --column time=COLUMN" in " ".join(imported.notes)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "ticks"),
+    [
+        ("elapsed time", ImportOptions(), 6),
+        ("T [s]", ImportOptions(), 6),
+        ("T", ImportOptions(units={"T": "s"}), 6),
+        ("T", ImportOptions(columns={"time": "T"}), 6),
+        ("t", ImportOptions(), 30),  # too many for a parameter
+    ],
+)
+def test_coarse_clock_with_a_clear_name_or_many_ticks_is_the_time(tmp_path, name, options, ticks):
+    way = 15.0 - 15.0 * np.cos(np.linspace(0.0, 2.0 * np.pi, 240))
+    seconds = np.repeat(np.arange(float(ticks)), 240 // ticks)
+    path = table_file(tmp_path, f"{name},Force [N],Disp [mm]\n", seconds, 3.0 * way, way)
+    (channel,) = import_file(path, options).channels
+    np.testing.assert_allclose(np.diff(channel.time_s[channel.run == 0]), ticks / 240.0)

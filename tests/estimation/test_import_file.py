@@ -365,7 +365,7 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
         (
             {"displacement_m": None, "force_N": None, "q1": X, "q2": -X, "I1": F, "I2": -F},
             {"columns": {"torque_Nm": "I1"}},
-            "--column position_rad=q1 --column torque_Nm=I1",
+            "--column position=q1 --unit position=rad --column torque=I1",
         ),
         (
             {"force_N": None, "Load A [N]": forces(at_40="oops"), "Load B [N]": 2.0 * F},
@@ -509,7 +509,7 @@ HEADER = b"time_s,displacement_m,force_N\n"
         ("absent.csv", None, "no such file"),
         ("empty.csv", b"", "no rows of data; the file is empty"),
         ("trailing.csv", "0:01.0,-1.0,0.5 0:01.0,-1.0,0.5\n" * 60 + " ", "no channel can be made of"),
-        ("one.csv", b"force\n1\n2\n3\n", "no line of column names above rows of numbers"),
+        ("one.csv", b"force\n1\n2\n3\n", "holds only one column, 'force'; a measurement needs at least"),
         ("header.csv", HEADER, "no rows of data"),
         ("page.csv", "<html>404</html>", "no rows of data"),
         ("numbers.csv", b"0,1,2\n1,2,3\n", "the file has no column names; its first row is 0, 1, 2"),
@@ -604,7 +604,7 @@ def test_displacement_words_are_ignored_where_another_column_holds_it(contact):
 def test_joint_without_an_effort_column_is_refused_with_a_hint(contact):
     motor = {"position (rad)": X, "velocity (rad/s)": np.gradient(X, T), "voltage (V)": F}
     path = contact(displacement_m=None, force_N=None, **motor)
-    assert "--column torque_Nm='voltage (V)'" in refusal(path)
+    assert "--column torque='voltage (V)' --unit torque=1Nm" in refusal(path)
     options = {"columns": {"torque": "voltage (V)"}, "units": {"torque": "1Nm"}}
     assert only(import_file(path, ImportOptions(**options))).effort == pytest.approx(F)
 
@@ -690,6 +690,41 @@ def test_goal_and_angle_of_a_servo_turn_together(tmp_path, angle):
     motion = {"position_rad": angle % (2.0 * np.pi), "goal_rad": (angle + 0.05) % (2.0 * np.pi)}
     path = write_csv(tmp_path / "s.csv", {"time_s": SWING_S, "run": SWING["run"]} | motion)
     np.testing.assert_allclose(only(import_file(path)).effort, 0.05, atol=1e-6)
+
+
+SPEED = np.gradient(ANGLE, 0.01)  # rad/s
+
+
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [
+        ({"Angle [rad]": np.degrees(ANGLE), "Velocity [rad/s]": SPEED}, "--unit position=deg"),
+        ({"motor_pos_rad": 50.0 * ANGLE, "link_vel_rad_s": SPEED}, "is 0.02 times the rate"),
+        ({"angle_rad": ANGLE, "motor speed (rpm)": 50.0 * SPEED * 30.0 / np.pi}, "is 50 times the rate"),
+        ({"Motor pos [turns]": ANGLE, "Joint torque [Nm]": SWING_S}, "add --unit position=0.02rev"),
+        ({"Joint angle [deg]": ANGLE, "Motor torque [Nm]": SWING_S}, "add --unit torque=50Nm"),
+    ],
+)
+def test_columns_of_two_units_or_of_two_sides_of_a_gear_are_reported(tmp_path, columns, words):
+    torque = {} if any("torque" in name for name in columns) else {"tau_Nm": SWING["torque_Nm"]}
+    table = {"time_s": SWING_S, "run": SWING["run"], **torque, **columns}
+    assert words in " ".join(only(import_file(write_csv(tmp_path / "joint.csv", table))).import_warnings)
+
+
+def test_counter_that_overflows_is_continued(tmp_path):
+    micros = (np.arange(400) * 10_000 + 2**32 - 2_000_000) % 2**32
+    table = {"micros": micros, "angle_deg": ANGLE[:400], "torque_Nm": SWING["torque_Nm"][:400]}
+    imported = import_file(write_csv(tmp_path / "joint.csv", table))
+    np.testing.assert_allclose(np.diff(only(imported).time_s), 0.01, atol=1e-5)
+    assert "as a counter of 32 bits" in " ".join(imported.notes)
+
+
+@pytest.mark.parametrize("unit", ["s", "us"])
+def test_clock_that_restarts_after_the_range_of_another_counter_starts_a_run(tmp_path, unit):
+    clock_s = np.tile(np.arange(430) * 0.01, 2)  # 2^32 ns are 4.29 s
+    table = {f"time_{unit}": clock_s / {"s": 1.0, "us": 1e-6}[unit], "angle_rad": np.sin(clock_s)}
+    path = write_csv(tmp_path / "joint.csv", table | {"torque_Nm": np.cos(clock_s)})
+    assert len(import_file(path).run_labels) == 2
 
 
 def test_constant_lever_arm_is_no_displacement(tmp_path):

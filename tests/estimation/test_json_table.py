@@ -58,7 +58,7 @@ def test_unnamed_columns_are_called_by_their_places(tmp_path):
         ('{"a": 1}', "holds no table"),
         ("[]", "no table"),
         ('{"a": [1, 2, 3], "force_N": [1, 2, 3], "force_N": [4, 5, 6]}', "the key 'force_N' appears twice"),
-        ('{"a": 1}\n\n{"a": 2}\n{"a": ', "is not valid JSON: "),
+        ('{"a": 1}\n\n{"a": 2}\n{"a": ', "is not valid JSON: line 4: "),
     ],
 )
 def test_file_without_a_table_is_refused(tmp_path, text, words):
@@ -80,6 +80,16 @@ def test_first_row_may_name_the_columns_and_lists_are_skipped(tmp_path):
     assert read_table(path).names == tuple(NAMES)
     path = saved(tmp_path / "a.json", json.dumps(COLUMNS | {"temperature": [20.0, 20.5, 21.0]}))
     assert read_table(path).notes == ("columns of other lengths left out: temperature",)
+
+
+def test_true_among_numbers_is_refused(tmp_path):
+    """A column of truths alone stays one, such as a flag of the contact."""
+    path = tmp_path / "press.json"
+    table = dict(COLUMNS)
+    table["force_N"] = [*table["force_N"][:7], True, *table["force_N"][8:]]
+    path.write_text(json.dumps(table))
+    with pytest.raises(InputError, match="row 8, column 'force_N': 'true' is not a finite number"):
+        import_file(path)
 
 
 def times_and_press(run):

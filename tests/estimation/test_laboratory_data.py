@@ -51,7 +51,7 @@ def contact_of(path, **options):
     return channel
 
 
-PROBES = tuple(f"Probe {n}" for n in "1234")
+PROBES, FOAMS = (tuple(f"{name} {n}" for n in of) for name, of in (("Probe", "1234"), ("Foam", "ABCD")))
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ PROBES = tuple(f"Probe {n}" for n in "1234")
         (labview, (), "displacement 'Stroke [Millimeters]'; decimal commas"),
         (by_the_clock, (), "clock times converted to seconds"),
         (excel, PROBES, "sheets 'Probe 1', 'Probe 2', 'Probe 3', 'Probe 4' of 5"),
-        (side_by_side, tuple("1234"), "4 tests side by side"),
+        (side_by_side, FOAMS, "4 tests side by side"),
     ],
 )
 def test_presses_are_read_from_files_of_machines(tmp_path, write, labels, words):
@@ -201,7 +201,7 @@ RATE = {WAY: None, LOAD: None, "Angle [deg]": np.sin(T)}
         (
             {LOAD: None, "Load [furlong]": T},
             {},
-            "states no unit that is known ('furlong' is not); give it, as in --unit force=N",
+            "states no unit that is known ('furlong' is not); give it, as in --unit force=10N, with the size",
         ),
         ({TIME: None, "Time (ticks)": T}, {}, "'ticks' is not a known unit of time; give it as a multiple"),
         ({LOAD: None, "Load setpoint [N]": T}, {}, "no channel can be made of"),
@@ -335,9 +335,13 @@ GOOD = "Time [s],Way [mm],Load [N]\n" + "".join(f"{i},{i},{i}\n" for i in range(
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (b"\x89PNG\r\n\x1a\n\0\0", "is not a text file; save it as CSV"),
-        (b"PK\x03\x04\x14\0\0", "is not a text file"),
-        (b"\0\x81\x82", "is not a text file"),
+        (b"\x89PNG\r\n\x1a\n\0\0", "is a picture"),
+        (b"\xff\xd8\xff\xe0\0\x10JFIF", "is a picture"),
+        (b"%PDF-1.7\n\0\xff\x81", "is a PDF"),
+        (b"PK\x03\x04\x14\0\0", "end in .xlsx"),
+        (b"\x1f\x8b\x08\0\x81", "end in .gz"),
+        (b"PAR1\x15\0\x81", "end in .parquet"),
+        (b"\0\x81\x82", "is not a text file; save it as CSV"),
         # A row that is cut off is no footer.
         (f"{GOOD}\nSpecimen 2\n{GOOD}9,9\n".encode(), r"csv, test 2: line 23 has 2 cells and the header 3"),
         (f"{GOOD}9\n".encode(), "line 11 has 1 cell and the header 3"),
@@ -393,6 +397,7 @@ def test_misplaced_thousands_comma_is_refused(tmp_path):
         (("100:00:00.0", "100:00:00.5", "0:00:01"), (360000.0, 360000.5, 1.0)),
         (("1:00:00\u202fAM", "1:00:01\u202fAM", "1:00:00\u00a0PM"), (3600.0, 3601.0, 46800.0)),
         (("08:00:00.0", "08:00:01.0", "21:00:00.0"), (28800.0, 28801.0, 75600.0)),
+        (("1:00:01:995000", "1:00:02:4048", "1:00:02:14173"), (3601.995, 3602.004048, 3602.014173)),
         (("1:00:01:95", "1:00:02:05", "1:00:03:10"), (3601.95, 3602.05, 3603.1)),
     ],
 )

@@ -6,6 +6,7 @@ import pytest
 from scipy.io import savemat
 
 from palpate.estimation.data.import_file import import_file
+from palpate.estimation.data.import_files import data_files, import_files
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import read_table
 from palpate.robot_io.errors import InputError
@@ -24,6 +25,7 @@ LAYOUTS = {
     "units of products": "Way\tForce\tTorque\tTime\nmm\tN\tkN·mm\tsec\n"
     + "".join(f"{x:.6f}\t{f:.6f}\t0\t{t:.6f}\n" for t, x, f in PRESS),
     "units above names": "(s),(mm),(N)\n" + NAMES + rows(),
+    "units alone": "s;mm;N\n" + rows(";", ","),
     "units in brackets between blanks": "Raw Data\nTime Displacement Force\n(s) (mm) (N)\n" + rows(" "),
     "quoted": '"Operator","A, B"\n\n"Time","Extension","Load"\n"(s)","(mm)","(N)"\n\n' + rows(),
     "grams, and the force first": "Force\tDistance\tTime\n(g)\t(mm)\t(sec)\n"
@@ -52,6 +54,8 @@ LAYOUTS = {
     + rows('","', ",", behind='"').replace("\n", '\n"')[:-1],
     "a column twice": "Time [s],Travel [mm],Load [N],E [GPa],E [GPa]\n" + rows(behind=",1,2"),
     "a long preamble": "Remark: none\n" * 700 + HEADER + rows(),
+    "rows shorter than the header": HEADER.replace("\n", ",Remark,Operator\n")
+    + "".join(line.replace("\n", ",ok,AB\n") if at % 3 == 0 else line for at, line in enumerate(LINES)),
     "counted rows": HEADER + COUNTED,
     "named rows": HEADER + "".join(f"row{at},{line}" for at, line in enumerate(LINES)),
     "as R writes it": '"Time (s)" "Extension (mm)" "Load (N)"\n'
@@ -64,12 +68,12 @@ LAYOUTS = {
         names: names + "\n" + rows()
         for names in (
             *("Time:s,Extension:mm,Load:N", "Time|s,Extension|mm,Load|N"),
-            "Zeit（s）,Weg（mm）,Kraft（N）",
+            "时间（s）,位移（mm）,力（N）",
         )
     },
     **{
         names: names + "\n" + rows(";", ",")  # a comma before a unit separates no cells
-        for names in ("Time, s;Extension, mm;Load, N",)
+        for names in ("Time, s;Extension, mm;Load, N", "время, с;перемещение, мм;сила, Н")
     },
 }
 TESTS = {"results above, headers numbered": 2, "metadata between tests": 3}
@@ -95,11 +99,11 @@ def test_matlab_structs_matrices_and_cells_give_columns(tmp_path):
     (channel,) = import_file(tmp_path / "press.mat").channels
     np.testing.assert_allclose(channel.effort, FORCE_N)
     savemat(tmp_path / "empty.mat", {"rate": 250.0, "maps": {"torque": np.eye(9)}, "all": np.ones((2, 3, 4))})
-    held = r"vectors, only rate \(float\), maps \(dict\), all \(ndarray\);"
+    held = r"vectors, only rate \(one number\), maps \(a struct\), all \(numbers of shape \(2, 3, 4\)\);"
     with pytest.raises(InputError, match=held):
         import_file(tmp_path / "empty.mat")
     savemat(tmp_path / "empty.mat", {"operator": "unknown"})
-    with pytest.raises(InputError, match=r"holds no vectors, only operator \(str\); a measurement"):
+    with pytest.raises(InputError, match=r"holds no vectors, only operator \(text\); a measurement"):
         import_file(tmp_path / "empty.mat")
     savemat(tmp_path / "empty.mat", {})
     with pytest.raises(InputError, match="holds no vectors; a measurement needs"):
@@ -118,6 +122,50 @@ def test_matlab_structs_matrices_and_cells_give_columns(tmp_path):
     assert table.names == ("time_s", "recorded 1", "recorded 2", "cells 1", "cells 2")
     np.testing.assert_allclose(table.numbers("cells 2"), FORCE_N)
     np.testing.assert_allclose(table.numbers("recorded 2"), FORCE_N)
+
+
+@pytest.mark.parametrize(("gap_s", "runs"), [(0.0, 1), (5.0, 2)])
+def test_pages_of_one_recording_are_one_run(tmp_path, gap_s, runs):
+    path, half = tmp_path / "pages.dat", len(TIME_S) // 2
+    written = rows().splitlines(keepends=True)
+    head = "Time [s],Travel [mm],Load [N]\n"
+    later = [
+        f"{time_s + gap_s},{line.split(',', 1)[1]}" for time_s, line in zip(TIME_S, written, strict=True)
+    ]
+    path.write_text(head + "".join(written[:half]) + "\n" + head + "".join(later[half:]))
+    (channel,) = import_file(path).channels
+    assert (len(channel), len(channel.runs)) == (len(TIME_S), runs)
+
+
+def test_null_bytes_and_blank_lines_do_not_spoil_a_table(tmp_path):
+    path = tmp_path / "gel.csv"
+    lines = rows().splitlines(keepends=True)
+    text = "C:\\data\\gel.csv\0\nTime [s],Travel [mm],Load [N]\n" + "".join(
+        [*lines[:50], "\0\0  \n", *lines[50:]]
+    )
+    path.write_bytes(text.encode())
+    np.testing.assert_allclose(import_file(path).channels[0].effort, FORCE_N, atol=1e-5)
+
+
+@pytest.mark.parametrize("place", [0, 1, 2, -1], ids=["before", "for the point", "inside", "behind"])
+def test_zero_byte_in_a_number_never_makes_another_number(tmp_path, place):
+    """A byte that a disk lost: closing the gap would read 9.876543 as 9876543, or as 9.87654."""
+    path, lines = tmp_path / "gel.csv", rows().splitlines()
+    time, way, _ = lines[100].split(",")
+    force = "9.876543"
+    damaged = force[:place] + "\0" + {0: force, -1: ""}.get(place, force[place + 1 :])
+    lines[100] = f"{time},{way},{damaged}"
+    path.write_text("Time [s],Travel [mm],Load [N]\n" + "\n".join(lines))
+    with pytest.raises(InputError, match=r"line 102, column 'Load \[N\]': '.*' is not a finite number"):
+        import_file(path)
+
+
+def test_rows_below_a_line_of_words_are_counted_and_the_line_is_named(tmp_path):
+    path = tmp_path / "press.csv"
+    lines = [f"{line},0" for line in rows().splitlines()]
+    path.write_text("\n".join(["Time [s],Way [mm],Force [N],run", *lines[:50], "a,b,c,d", *lines[50:], ""]))
+    note = f"'52' ({len(lines) - 50} rows); --table 52 reads one; if line 52 names no columns, remove it"
+    assert note in import_file(path).read
 
 
 def test_columns_are_counted_in_the_whole_first_line_and_bounded(tmp_path):
@@ -145,7 +193,8 @@ def test_other_tables_are_named_with_the_option_that_selects_them(tmp_path):
     )
     line = str(4 + len(TIME_S))
     assert (
-        f"not read, because the columns differ: line '{line}' (2 rows); --table {line} reads one"
+        f"not read, because the columns differ: line '{line}' (2 rows); --table {line} reads one; "
+        f"if line {line} names no columns, remove it"
     ) in import_file(path).read
     columns = {"displacement_mm": "Heat [K]"}
     with pytest.raises(InputError, match="has 2 rows, at least 5"):
@@ -181,11 +230,55 @@ def test_blocks_between_comments_are_runs_of_one_table(tmp_path, mark, names):
     assert table.names[0] == ("Time [s]" if names else "column 1")
 
 
-def test_displacement_in_proportion_to_the_force_is_noted(tmp_path):
-    cells = zip(TIME_S, 20.0 * FORCE_N, FORCE_N, strict=True)
-    path = saved(tmp_path / "cell.csv", "".join(f"{t:.3f},{d:.3f},{f:.5f}\n" for t, d, f in cells))
-    path.write_text("Time [s],Deflection [nm],Force [nN]\n" + path.read_text())
-    assert "'Deflection [nm]' is proportional to 'Force [nN]' within" in import_file(path).notes[0]
+@pytest.mark.parametrize("single", [[], [*LINES[50:51], "# end of pause\n"]])
+def test_comment_inside_a_recording_does_not_divide_it(tmp_path, single):
+    path = tmp_path / "press.csv"
+    rest = LINES[51:] if single else LINES[50:]
+    path.write_text(HEADER + "".join([*LINES[:50], "# pause\n", "\n", *single, *rest]))
+    table = read_table(path)
+    assert len(table) == len(LINES)
+    assert "run" not in table.names
+    assert table.row_name(50) == "line 54"
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("Force unit: kN", "add --unit force=kN"),
+        ("Weg in um; Force [mN]", "add --unit force=mN"),
+        ("Units: time ms, displacement mm", "add --unit time=ms"),
+        ("Force limit: 5 kN", ""),
+        ("Force [kN],5", ""),
+        ("Max. force [kN]", ""),
+        ("Force in N", ""),
+    ],
+)
+def test_unit_above_the_header_that_contradicts_a_column_is_reported(tmp_path, line, said):
+    path = tmp_path / "press.csv"
+    path.write_text(f"{line}\n{HEADER}{rows()}")
+    notes = " ".join(import_file(path).notes)
+    assert said in notes
+    assert ("contradicts" in notes) == bool(said)
+
+
+def test_unit_above_the_header_is_proposed_for_a_column_without_unit(tmp_path):
+    path = tmp_path / "press.csv"
+    path.write_text(f"Force unit: kN\n{HEADER.replace('[N]', '')}{rows()}")
+    with pytest.raises(InputError, match=r"--unit force=kN$"):
+        import_file(path)
+
+
+def test_deflection_of_a_cantilever_is_subtracted_from_the_displacement_of_its_base(tmp_path):
+    base = 1e3 * WAY_M + 20.0 * FORCE_N / 1e3
+    cells = zip(TIME_S, base, 20.0 * FORCE_N, FORCE_N, strict=True)
+    text = "".join(f"{t:.3f},{z:.6f},{d:.3f},{f:.5f}\n" for t, z, d, f in cells)
+    path = tmp_path / "cell.csv"
+    path.write_text("Time [s],Z piezo [um],Deflection [nm],Force [nN]\n" + text)
+    imported = import_file(path)
+    np.testing.assert_allclose(imported.channels[0].position, 1e-6 * 1e3 * WAY_M, atol=3e-12)
+    assert "the displacement is 'Z piezo [um]' minus 'Deflection [nm]'" in imported.notes[0]
+    alone = import_file(path, ImportOptions(columns={"displacement": "Deflection [nm]"}))
+    assert "'Deflection [nm]' is proportional to 'Force [nN]' within rounding" in alone.notes[0]
 
 
 def test_other_displacement_is_named(tmp_path):
@@ -193,6 +286,20 @@ def test_other_displacement_is_named(tmp_path):
     lines = [f"{line},{2.0 * way:.6f}" for line, way in zip(rows().splitlines(), WAY_M, strict=True)]
     path.write_text("Time [s],Crosshead [mm],Force [N],LVDT [mm]\n" + "\n".join(lines))
     assert "'Crosshead [mm]' is read as the displacement, and not 'LVDT [mm]'" in import_file(path).notes[0]
+
+
+def test_text_without_numbers_beside_data_files_is_left_out(tmp_path):
+    for name in ("1.csv", "2.csv"):
+        (tmp_path / name).write_text(HEADER + rows())
+    (tmp_path / "readme.txt").write_text("Foam at 4 speeds.\nOperator: A\n")
+    imported = import_files(data_files(tmp_path), ImportOptions())
+    assert "readme.txt: left out, a text without numbers" in imported.notes
+    assert len(imported.run_labels) >= 2
+    alone = import_files([tmp_path / "1.csv", tmp_path / "readme.txt"], ImportOptions())
+    assert "readme.txt: left out, a text without numbers" in alone.notes
+    (tmp_path / "named.txt").write_text(f"Specimen,{HEADER}" + "".join(f"steel,{line}" for line in LINES))
+    both = import_files([tmp_path / "1.csv", tmp_path / "named.txt"], ImportOptions())
+    assert any(label.startswith("named.txt") for label in both.run_labels.values())
 
 
 def test_fields_of_several_structs_are_named_by_their_structs(tmp_path):

@@ -10,12 +10,23 @@ from scipy.io import savemat
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.data.column_names import guess_columns
 from palpate.estimation.data.import_file import import_file
+from palpate.estimation.data.import_files import import_files
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import read_table
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files import atomic_write
 from tests.estimation.press_tables import FORCE_N, HEADER, TIME_S, WAY_M, lines, refusal
 from tests.files import saved
+
+
+def test_files_with_one_column_each_are_joined(tmp_path):
+    way = saved(tmp_path / "deformation_data.txt", lines(1e3 * WAY_M))
+    force = saved(tmp_path / "force_data.txt", lines(FORCE_N))
+    assert "holds only one column" in refusal(way)
+    units = {"displacement": "mm", "force": "N"}
+    (channel,) = import_files([way, force], ImportOptions(units=units)).channels
+    assert channel.kind is ChannelKind.CONTACT
+    assert np.allclose(channel.effort, FORCE_N, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -51,6 +62,7 @@ def test_a_current_is_not_preferred_to_a_torque_without_units(tmp_path):
 @pytest.mark.parametrize(
     ("names", "sizes", "said"),
     [
+        ("position,load", (1.0, 1.0), "--column torque=load --unit position=rad --unit torque=Nm"),
         ("q1,q2,tau1,tau2", (1.0, 90.0, 1.0, 1.0), "--unit position=deg --unit torque=Nm"),  # one for both
         ("shoulderPosRaw,elbowTorqueRaw", (1.0, 1.0), "no channel can be made"),  # of different joints
         ("q1,q2,q3,q4,q5,tau1,tau2,tau3,tau4,tau5", np.ones(10), "'tau2', 'tau3' ... state no units"),
@@ -62,7 +74,7 @@ def test_a_current_is_not_preferred_to_a_torque_without_units(tmp_path):
         (
             "Voltage [V],Test 1 [g],Test 2 [g]",
             (1.0, 2.0, 3.0),
-            "displacement_mm=COLUMN --column force_N='Test 1",
+            "displacement_mm=COLUMN --column force='Test 1",
         ),
     ],
 )
@@ -205,15 +217,43 @@ def test_a_strain_that_may_be_in_percent_is_asked_for(tmp_path):
     assert stated.channels[0].kind is ChannelKind.CONTACT
 
 
+def test_nanoseconds_are_added_to_whole_seconds(tmp_path):
+    since = 1.7e9 + np.round(TIME_S * 1e9) * 1e-9
+    whole = np.floor(since)
+    nanoseconds = np.round((since - whole) * 1e9)
+    header = "stamp.sec,stamp.nanosec,displacement [mm],force [N]\n"
+    path = saved(tmp_path / "ros.csv", header + lines(whole, nanoseconds, 1e3 * WAY_M, FORCE_N))
+    (channel,) = import_file(path).channels
+    assert np.allclose(np.diff(channel.time_s), np.diff(TIME_S), atol=1e-6)
+
+
+def test_columns_without_names_are_proposed_by_their_shape(tmp_path):
+    noisy = FORCE_N + 0.2 * np.random.default_rng(3).standard_normal(len(FORCE_N))
+    message = refusal(saved(tmp_path / "three.csv", lines(noisy, TIME_S, WAY_M)))
+    ending = "--column time='column 2' --column displacement_mm='column 3' --column force_N='column 1'"
+    assert message.endswith(ending)
+    message = refusal(saved(tmp_path / "four.csv", lines(WAY_M, FORCE_N, FORCE_N, WAY_M)))
+    assert message.endswith("as in --column displacement_mm=COLUMN --column force_N=COLUMN")
+
+
+@pytest.mark.parametrize("last", ["constant", "one empty cell"])
+def test_clock_of_columns_without_names_is_never_proposed_as_the_motion(tmp_path, last):
+    cells = ["5"] * len(TIME_S) if last == "constant" else [*map(str, FORCE_N[:-1]), ""]
+    rows = zip(TIME_S, WAY_M, cells, strict=True)
+    path = saved(tmp_path / "own.csv", "".join(f"{t},{x},{cell}\n" for t, x, cell in rows))
+    proposed = "--column time='column 1' --column displacement_mm=COLUMN --column force_N=COLUMN"
+    assert refusal(path).endswith(proposed)
+
+
 def test_proposed_columns_keep_the_units_that_are_given(tmp_path):
     path = saved(tmp_path / "own.csv", "time_s,w,load\n" + lines(TIME_S, WAY_M, FORCE_N))
     message = refusal(path, columns={"force_kN": "load"})
-    assert message.endswith("--column displacement_mm=COLUMN --column force_kN=load")
+    assert message.endswith("--column displacement_mm=COLUMN --column force=load --unit force=kN")
     path = saved(tmp_path / "own.csv", "time_s,position_1_mm,force_2_N\n" + lines(TIME_S, WAY_M, FORCE_N))
-    assert refusal(path).endswith("--column displacement_mm=position_1_mm --column force_N=force_2_N")
+    assert refusal(path).endswith("--column displacement=position_1_mm --column force=force_2_N")
 
 
 def test_a_column_without_any_cell_is_not_reported_as_invalid(tmp_path):
     rows = "".join(f"{t},{f},\n" for t, f in zip(TIME_S, FORCE_N, strict=True))
     path = saved(tmp_path / "title.csv", "Time (s),Load (N),D105\n" + rows)
-    assert "--column displacement_mm=COLUMN --column force_N='Load (N)'" in refusal(path)
+    assert "--column displacement_mm=COLUMN --column force='Load (N)'" in refusal(path)

@@ -141,6 +141,22 @@ def test_pressed_recording_keeps_its_zero_and_a_unit_factor_its_sign():
     assert "--unit force=.5N reverses the force" in reject_reason(reversed_twice)
 
 
+def test_absolute_force_keeps_its_sign_and_other_forces_are_named():
+    """A needle was pulled out: its largest force was at no depth, so the sign of a magnitude was reversed."""
+    t = np.arange(0.0, 2.0, 0.005)
+    depth_mm = 1.4 * np.clip(np.minimum(4.0 * t, 3.0 - 2.0 * t), 0.0, 1.0)
+    force = np.where(t > 1.0, 0.2 * (t - 1.0) ** 2, -0.004)
+    columns = {"time_s": t, "insertion_depth_mm": depth_mm, "absolute_force_N": np.abs(force), "rf3_N": force}
+    found = imported(**columns)
+    np.testing.assert_allclose(found.channels[0].effort, np.abs(force))
+    notes = " ".join(found.notes)
+    assert "'absolute_force_N' holds absolute values according to its name, so its sign is kept" in notes
+    said = "read as the force, and not 'rf3_N'; if another column holds it, add --column force=COLUMN"
+    assert said in notes
+    chosen = imported(ImportOptions(columns={"force": "rf3_N"}), **columns)
+    np.testing.assert_allclose(np.abs(chosen.channels[0].effort), np.abs(force))
+
+
 def test_free_air_and_a_sticky_object_are_one_sided():
     sticks = np.where((PRESS_X < 0.0) & (PRESS_X > -5e-4) & (PRESS_V < 0.0), -3.0, 0.0)
     for force in (PUSH, PUSH + sticks, PUSH - 1.0):

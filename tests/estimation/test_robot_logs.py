@@ -12,6 +12,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.writer import Writer
 
+from palpate.estimation.data.column_names import guess_column
 from palpate.estimation.data.file_columns import is_session
 from palpate.estimation.data.import_file import import_file
 from palpate.estimation.data.import_options import ImportOptions
@@ -87,8 +88,8 @@ ONE_IS_NONE = np.where((np.arange(len(T)) == 5)[:, None] & [False, True], np.nan
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"torque": None}, "lacks a joint's effort"),
-        ({"torque": ONE_IS_NONE}, "lacks a joint's effort"),
+        ({"torque": None}, "has no effort, which"),
+        ({"torque": ONE_IS_NONE}, "has no finite effort of joint 'elbow' in 1 of 400 messages"),
         ({"stamped": False}, "every message has the same header.stamp"),
     ],
 )
@@ -294,19 +295,28 @@ def test_speeds_and_torques_of_named_motors_are_joints_and_the_proposed_units_ca
 @pytest.mark.parametrize(
     ("names", "proposed"),
     [
-        ("time_s,tau,tauIden", "--column position_rad=COLUMN --column torque_Nm=tau"),
-        ("time_s,Torque [Nm],temp", "--column position_rad=COLUMN --column torque_Nm='Torque [Nm]'"),
-        ("time_s,Fx,Fz,Tx,Ty,Tz", "--column displacement_mm=COLUMN --column force_N=Fz"),
-        ("time_s,force,Frame", "--column displacement_mm=COLUMN --column force_N=force"),
+        ("time_s,tau,tauIden", "--column position_rad=COLUMN --column torque=tau --unit torque=Nm"),
+        ("time_s,Torque [Nm],temp", "--column position_rad=COLUMN --column torque='Torque [Nm]'"),
+        ("time_s,Fx,Fz,Tx,Ty,Tz", "--column displacement_mm=COLUMN --column force=Fz --unit force=N"),
+        ("time_s,force,Frame", "--column displacement_mm=COLUMN --column force=force --unit force=N"),
         (
             "time_ms,position_slave,force_slave,position_slave_deg,position_master_deg",
-            "--column position_rad=position_slave_deg --column torque_Nm=force_slave",
+            "--column position=position_slave_deg --column torque=force_slave --unit torque=Nm",
         ),
     ],
 )
 def test_proposed_columns_fit_the_effort_of_the_file(tmp_path, names, proposed):
     columns = [T, *np.cumsum(np.random.default_rng(0).random((names.count(","), len(T))), axis=1)]
     assert refused_table(tmp_path / "own.csv", names, columns).endswith(proposed)
+
+
+def test_pulse_width_is_no_clock_and_a_period_is(tmp_path):
+    path = tmp_path / "log.csv"
+    for name, is_clock in (("PWM (us)", False), ("period (us)", True)):
+        assert (guess_column(name).quantity == "time") is is_clock
+    names, columns = "PWM (us),speed [rpm],torque [Nm]", np.column_stack([1e3 + T, 1e3 * T, T])
+    np.savetxt(path, columns, delimiter=",", header=names, comments="")
+    assert import_file(path).roles == {"speed [rpm]": "velocity in rpm", "torque [Nm]": "torque in Nm"}
 
 
 def test_data_set_folder_is_its_episodes(episode):

@@ -24,6 +24,7 @@ G = 9.80665
     "form",
     [
         *("Load ({})", "Load [{}]", "Load / {}", "load_{}", "Load {}", "Load in {}"),
+        *("[{}] Load", "({}) Load", "[{}] Load (cell 2)"),
     ],
 )
 @pytest.mark.parametrize(
@@ -70,6 +71,9 @@ def test_prefix_is_read_by_its_letter_in_any_notation(form, unit, newtons):
         ("Torque [in-lbs]", "torque", 0.45359237 * G * 0.0254),
         ("Winkel [gon]", "angle", np.pi / 200.0),
         ("pos_mdeg", "angle", np.pi / 180e3),
+        ("力(公斤)", "force", G),
+        ("Угол, град", "angle", np.pi / 180.0),
+        ("时间(秒)", "time", 1.0),
     ],
 )
 def test_machine_units_are_known(name, dimension, factor):
@@ -84,6 +88,20 @@ def test_words_are_not_read_as_units(unit):
 def factor_of(name):
     unit = split_unit(name)[1]
     return dimension_of(unit), SI[dimension_of(unit)][unit]
+
+
+def test_unit_in_front_of_a_name_is_read_as_one_behind_it():
+    behind = imported(**{"Time Elapsed [s]": T, "Travel [um]": 1e6 * X, "Load [N]": FORCE})
+    found = imported(**{"[s] Time Elapsed": T, "(um) Travel": 1e6 * X, "[N] Load": FORCE})
+    np.testing.assert_array_equal(found.channels[0].position, behind.channels[0].position)
+    np.testing.assert_array_equal(found.channels[0].effort, behind.channels[0].effort)
+    np.testing.assert_array_equal(found.channels[0].time_s, behind.channels[0].time_s)
+
+
+def test_units_in_front_of_a_name_and_behind_it_are_both_stated():
+    found = imported(**{"Time [s]": T, "[um] Travel [mm]": 1e3 * X, "Load [N]": FORCE})
+    np.testing.assert_allclose(found.channels[0].position, X, atol=1e-12)
+    assert "column '[um] Travel [mm]' may state two units" in " ".join(found.notes)
 
 
 @pytest.mark.parametrize("name", ["[1] Load N", "(left) Load N", "[Rig 2] Load_N"])
@@ -146,7 +164,8 @@ def test_only_units_that_make_a_joint_slower_are_proposed(time, angle, remedy):
         ("s", 10.0, "ms"),
         ("s", 4e3, "us"),
         ("s", 4e6, "ns"),
-        ("ms", 800.0, "UNIT"),  # 0.8 s in the unit that is set, and 0.3 s in all in us
+        ("ms", 800.0, "us"),  # 0.8 s in the unit that is set
+        ("s", 1e-6, "h"),  # in minutes, the recording would last 0.02 s
     ],
 )
 def test_time_unit_that_is_proposed_gives_a_plausible_step(unit, step, proposed):
@@ -190,6 +209,36 @@ def test_voltage_or_pressure_is_converted_to_force_by_a_constant(column, unit, n
     options = ImportOptions(units={"force": unit})
     (press,) = imported(options, **{"t [s]": T, "Travel [m]": X, column: FORCE}).channels
     np.testing.assert_allclose(press.effort, newtons * FORCE)
+
+
+@pytest.mark.parametrize(
+    ("column", "newtons"),
+    [
+        *(
+            ("Load [0.1 N]", 0.1),
+            ("Load [10^-3 N]", 1e-3),
+            ("Load (x10^-1 N)", 0.1),
+            ("Load (1/100 kN)", 10.0),
+        ),
+        *(("Load [V] (5 N/V)", 5.0), ("Load [mV] (5 N/V)", 5e-3), ("Load (0.2 V/N) [V]", 5.0)),
+    ],
+)
+def test_factor_or_sensitivity_in_a_name_is_applied_and_noted(column, newtons):
+    press = {"t [s]": T, "Travel [m]": X, column: FORCE}
+    found = imported(**press)
+    np.testing.assert_allclose(found.channels[0].effort, newtons * FORCE)
+    assert f"the factor in the name of column '{column}' is applied" in " ".join(found.notes)
+    found = imported(ImportOptions(units={"force": "N"}), **press)
+    np.testing.assert_allclose(found.channels[0].effort, FORCE)
+    assert f"column '{column}' is read as force in N, whatever its name says" in " ".join(found.notes)
+
+
+def test_units_of_one_letter_belong_to_their_quantity():
+    (press,) = imported(**{"Time [d]": T / 86400.0, "Travel [m]": X, "Load [t]": FORCE}).channels
+    np.testing.assert_allclose(press.effort, 1e3 * G * FORCE)
+    np.testing.assert_allclose(press.time_s, T, atol=1e-9)
+    for name in ("q_d", "force_t", "pos_dm", "cell_day"):
+        assert not dimension_of(split_unit(name)[1])
 
 
 def test_prefix_in_a_header_of_capitals_is_noted():

@@ -1,4 +1,4 @@
-"""Effort and motion on two clocks."""
+"""Effort and motion on two clocks, and lost rows."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ import pytest
 from palpate.estimation.base_model import ModelContext
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data_quality import checklist, contaminated, quality_warnings
-from palpate.estimation.data_quality.sampling import time_offset
+from palpate.estimation.data_quality.sampling import lost_rows, time_offset
 from palpate.estimation.models import MODELS
 from palpate.estimation.signals.blocks import number_pieces
 from palpate.estimation.signals.runwise import shift
@@ -59,3 +59,37 @@ LAWS = {
 def test_missing_effect_is_not_taken_for_a_delay(law, correlation):
     data = session(3, LAWS[law], correlation=correlation)
     assert time_offset(data, MODEL) is None
+    assert lost_rows(data) is None
+
+
+def without_rows(data, share, seed=1):
+    """Some rows left out, and the times of the others even again."""
+    left = data.select(np.random.default_rng(seed).random(len(data)) > share)
+    time_s = np.concatenate([0.002 * np.arange(np.sum(left.run == run)) for run in left.runs])
+    return with_motion(left, left.position, time_s)
+
+
+@pytest.mark.parametrize("share", [0.01, 0.03, 0.08, 0.12, 0.16])
+def test_lost_rows_show_as_jumps_of_the_motion(share):
+    data = without_rows(session(3, runs=4), share)
+    told = lost_rows(data)
+    assert float(told.rpartition("about ")[2].split()[0]) == pytest.approx(100.0 * share, rel=0.3)
+    assert told in quality_warnings(data, MODEL)
+
+
+def test_rows_missing_with_their_times_are_no_jumps():
+    data = session(3)
+    assert lost_rows(data.select(np.random.default_rng(1).random(len(data)) > 0.03)) is None
+
+
+@pytest.mark.parametrize("noise_m", [1e-6, 1e-5, 1e-4])
+def test_noisy_motion_does_not_jump(noise_m):
+    data = session(3)
+    noisy = data.position + np.random.default_rng(0).normal(0.0, noise_m, len(data))
+    assert lost_rows(with_motion(data, noisy)) is None
+
+
+@pytest.mark.parametrize("step_m", [1e-6, 3e-6, 1e-5, 2e-5, 5e-5, 8e-5, 1e-4])
+def test_encoder_steps_are_no_jumps(step_m):
+    data = session(3)
+    assert lost_rows(with_motion(data, step_m * np.round(data.position / step_m))) is None

@@ -115,7 +115,7 @@ def test_options_of_another_type_are_refused_by_name(options):
     [
         ({}, ""),
         ({"time_s": 1000 * T}, "samples are 10 s apart; .* --unit time=ms"),
-        ({"time_s": T / 1e4}, "samples are 1e-06 s apart; .* --unit time=UNIT"),
+        ({"time_s": T / 1e4}, "samples are 1e-06 s apart; .* --unit time=h"),
         ({"weekday": np.repeat([3, 1], N // 2)}, "'weekday' looks like a run number; .* run=weekday"),
         ({"trial": np.repeat([3, 1], N // 2)}, ""),  # which it says by its name
         ({"count": np.arange(N)}, ""),

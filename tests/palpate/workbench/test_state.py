@@ -289,6 +289,7 @@ def test_columns_are_guessed(tmp_path, header, expected):
     found = suggest_columns(read_table(path))
     assert [f"{one.quantity} {one.unit}" for one in found] == expected
     assert all(one.unit in ("", *units_of(one.quantity)) for one in found)
+    assert all(one.why.endswith("; unit not stated") is (one.unit == "") for one in found[1:])
 
 
 @pytest.mark.parametrize(
