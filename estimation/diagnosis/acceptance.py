@@ -26,6 +26,7 @@ from palpate.estimation.diagnosis.candidates import (
 from palpate.estimation.diagnosis.forms import (
     AS_MUCH,
     MOST_OF_LAW,
+    SLOW,
     FormTest,
     PartiallyLinear,
     form_tests,
@@ -137,7 +138,7 @@ def accept_forms(
         if not better:
             if not improvement_test(search.start, fit, measurement, search.rng).is_significant:
                 break
-            return fit, tests
+            return _with_weight(search, partial, fit, measurement) or (fit, tests)
         fit = min(better, key=lambda alternative: alternative.solution.held_out)
     return search.start, []
 
@@ -419,6 +420,25 @@ def _physical_alternatives(search: Search, fit: FitResult, name: str) -> Iterato
     limit, alternatives = _alternatives(search, fit, name)
     physical = [candidate for candidate in alternatives if candidate.effect.kind in PHYSICAL_KINDS]
     yield from (model for model in map(search.with_candidate, physical) if model.solution.held_out <= limit)
+
+
+def _with_weight(
+    search: Search, partial: PartiallyLinear, fit: FitResult, measurement: MeasurementModel
+) -> tuple[FitResult, list[FormTest]] | None:
+    """Replace a joint's spring or bias by its weight if the accepted effects then explain as much."""
+    # The spring or bias is kept if the model with it leaves only noise, and the model with the weight more.
+    base, only_noise = search.start.solution.held_out, SLOW * measurement_noise(search.start).value
+    for name in search.added_effects(fit):
+        for candidate in _alternatives(search, fit, name, np.inf)[1]:
+            if not _is_missing_weight(search, candidate.effect, fit.solution.model.effect(name)):
+                continue
+            end, tests = accept_forms(search, partial, search.with_candidate(candidate), measurement)
+            explained, needed = base - end.solution.held_out, base - fit.solution.held_out
+            explains_as_much = explained >= (needed if name == _OFFSET else AS_MUCH * needed)
+            leaves_more = fit.rmse <= only_noise < end.rmse
+            if candidate.effect.name in search.added_effects(end) and explains_as_much and not leaves_more:
+                return end, tests
+    return None
 
 
 def _is_missing_weight(search: Search, candidate: Effect, effect: Effect) -> bool:

@@ -173,6 +173,36 @@ def test_sensor_fault_that_explains_nearly_all_needs_no_law_that_accounts_for_it
     assert set(search.added_effects(end)) == kept
 
 
+@pytest.mark.parametrize(
+    ("name", "left", "noise", "replaced"),
+    [
+        (SPRING, 1.4, 0.1, True),
+        (SPRING, 1.5, 0.1, False),
+        (SPRING, 1.4, 0.7, False),  # an error of up to 1.05 is noise
+        (SPRING, 1.4, 1.0, True),
+        (BIAS, 1.1, 0.1, False),
+        (BIAS, 0.9, 0.1, True),
+    ],
+)
+def test_weight_replaces_a_bias_only_if_it_fits_better(monkeypatch, name, left, noise, replaced):
+    """A spring is replaced if the weight explains 95 % as much, unless only the spring leaves only noise."""
+    start, fit, end = (
+        SimpleNamespace(
+            solution=SimpleNamespace(held_out=error, model=SimpleNamespace(effect=EFFECTS.get)),
+            rmse=error**0.5,
+        )
+        for error in (10.0, 1.0, left)
+    )
+    monkeypatch.setattr(module, "measurement_noise", lambda _: SimpleNamespace(value=noise))
+    weight = SimpleNamespace(effect=EFFECTS["weight"]())
+    search = SimpleNamespace(start=start, with_candidate=lambda candidate: end)
+    search.added_effects = lambda model: ["weight"] if model is end else [name]
+    monkeypatch.setattr(module, "_alternatives", lambda *_: (0.0, [weight]))
+    monkeypatch.setattr(module, "_is_missing_weight", lambda *_: True)
+    monkeypatch.setattr(module, "accept_forms", lambda *_: (end, []))
+    assert (module._with_weight(search, None, fit, None) is not None) is replaced
+
+
 def test_effect_that_drives_a_base_gain_out_of_bounds_is_not_accepted(monkeypatch):
     search = searched_law("a friction")
     end = reached_in("a friction", RUB)

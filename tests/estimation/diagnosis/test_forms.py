@@ -330,16 +330,11 @@ def slow_swings(torque_of_angle, scale):
     return replace(wide, position=q, velocity=v, acceleration=a, effort=torque)
 
 
-@pytest.mark.parametrize(
-    ("torque_of_angle", "name"),
-    [(lambda q: 2.0 * np.sin(q), "weight"), (lambda q: 1.95 * q, "joint_spring")],
-    ids=["weight", "spring"],
-)
-def test_weight_and_spring_are_confused_over_a_short_way(torque_of_angle, name):
+@pytest.mark.parametrize("torque_of_angle", [lambda q: 2.0 * np.sin(q), lambda q: 1.95 * q])
+def test_weight_is_likelier_than_a_spring_over_a_short_way(torque_of_angle):
     told = decide(slow_swings(torque_of_angle, 0.7), ROTOR, "joint_spring", "weight", "bias")
     (entry,) = told.accepted
-    assert entry.effect == name
-    assert {name, *entry.confused_with} == {"joint_spring", "weight"}
+    assert (entry.effect, entry.confused_with) == ("weight", ["joint_spring"])
     assert set(told.next_experiment.separates) == {"joint_spring", "weight"}
 
 
