@@ -265,10 +265,9 @@ def _motion_at(
     prefer_wide: bool = True,
     window_rows: BoolArray | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return position, velocity and acceleration at given times.
+    """Return position, velocity and acceleration at given times; the derivatives are interpolated.
 
-    Derivatives are computed at the sample times. Interpolated positions would have correlated errors, which
-    `differentiate` would treat as motion.
+    Interpolated positions would have correlated errors, which `differentiate` would treat as motion.
     """
     if not sample_time(sampled_at_s, run) > 0.0:
         raise InputError("column 'encoder_at_s': its times do not increase from sample to sample")

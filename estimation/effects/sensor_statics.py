@@ -222,12 +222,7 @@ def _follows_a_curve(readings: FloatArray, signals: FloatArray, run: IntArray) -
     """Return whether readings beyond a limit follow signals smoothly in each run.
 
     A saturated reading stays constant while the effort changes. Readings of an unsaturated sensor vary with
-    the motion.
-
-    Args:
-        readings: readings beyond the limit, shape (m,) [effort].
-        signals: regressors, shape (m, k): the first enters as a polynomial, the others linearly.
-        run: run number of each reading, shape (m,).
+    the motion. The first of the signals (m, k) enters as a polynomial, the others linearly.
     """
     total, sse, white = 0.0, 0.0, 0.0
     for number in np.unique(run):

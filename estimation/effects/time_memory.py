@@ -45,13 +45,7 @@ class _Relaxation(Effect):
         return forms
 
     def relaxed(self, memory: Callable[..., FloatArray], signal: FloatArray, data: ChannelData) -> FloatArray:
-        """Return a strain or elastic force after relaxation.
-
-        Args:
-            memory: `fading_memory` or `springpot` with given parameters.
-            signal: strain or elastic force, shape (n,) or (n, k).
-            data: the channel.
-        """
+        """Return a strain or elastic force, (n,) or (n, k), after relaxation with this memory."""
         remaining = memory(signal, data.time_s, data.run, independent_runs=bool(data.recovers))
         if self.form:
             first, piece = block_index(data.run)

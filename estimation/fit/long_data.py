@@ -41,11 +41,7 @@ class _BlockVariation:
     count: int  # number of samples
 
     def is_noise(self, block: int) -> bool:
-        """Return whether the variation is so close to noise that averaging loses no relevant information.
-
-        Args:
-            block: number of samples that are averaged.
-        """
+        """Return whether averaging `block` samples loses no relevant information, only noise."""
         error = _STANDARD_ERRORS * np.sqrt(4.6 / self.count)  # error of a mean of squared third differences
         return bool(self.departure**2 <= self.noise**2 * (1.0 + _MAX_LOST / block + error))
 

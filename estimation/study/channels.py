@@ -303,11 +303,7 @@ def _update_digest(digest: "hashlib._Hash", value: object) -> None:
 
 
 def _projections(values: FloatArray) -> list[float]:
-    """Return numbers that identify an array: its scale, and its projections on fixed directions, rounded.
-
-    Args:
-        values: array of any shape; numbers that are not finite count as zero.
-    """
+    """Return the scale of an array, and its rounded projections on fixed directions, which identify it."""
     is_finite = np.isfinite(values).ravel()
     flat = np.where(is_finite, values.ravel(), 0.0)
     scale = float(np.linalg.norm(flat))

@@ -341,11 +341,7 @@ class StudyFits(TableDisplay):
         return self._library[name]
 
     def _suited_effect(self, name: str, parent: FitResult) -> Effect:
-        """Return an effect in the form that suits a channel.
-
-        Raises:
-            InputError: the effect is unknown or does not apply.
-        """
+        """Return an effect in the form that suits a channel; raise an error if it does not apply."""
         effect = self._effect(name)
         if reason := inapplicable_reason(effect, parent.data):
             raise InputError(reason)

@@ -209,12 +209,7 @@ def _source_of(data: Any, options: ImportOptions) -> DataSource:  # noqa: ANN401
 
 
 def _check_channel(channel: ChannelData) -> None:
-    """Check a channel that a program made.
-
-    Raises:
-        InputError: its name, kind, runs or phases are invalid, an array is not one-dimensional, or its times
-            do not increase within a run.
-    """
+    """Raise an error if a channel that a program made has invalid values or shapes."""
     place = f"channel '{channel.name}'"
     if not (isinstance(channel.name, str) and _CHANNEL_NAME.fullmatch(channel.name)):
         raise InputError(f"channel name {channel.name!r}: give letters, digits and _, such as 'joint_1'")
