@@ -34,7 +34,7 @@ def test_session_becomes_a_recording_of_everything(probed, tmp_path):
     assert {
         *("/contact/force", "/contact/displacement", "/phase", "/torque/joint_1", "/torque/joint_3"),
         *("/estimate/stiffness/online", "/estimate/stiffness/afterwards", "/estimate/damping/truth"),
-        *("/object/top", "/tip", "/events", "/summary", "/timing/sections"),
+        *("/object", "/tip", "/events", "/summary", "/timing/sections"),
     } <= entities(recording)
 
 
