@@ -48,10 +48,8 @@ AREAS = {  # where the program is, and the tests that are to notice, in tests/
 }
 GOAL = 0.97
 MOST_S = 900.0  # that the tests of an area may take as it is
-LONGER, MARGIN_S = (
-    2.5,
-    60.0,
-)  # tests that take longer than this multiple of their usual time, plus this margin, never end
+# Tests that take longer than this multiple of their usual time, plus this margin, never end.
+LONGER, MARGIN_S = 2.5, 60.0
 _LOOKS = {"alpha", "figsize", "fontsize", "lw", "mew", "ms", "rotation"}
 _COMPARED = {ast.Lt: "<=", ast.LtE: "<", ast.Gt: ">=", ast.GtE: ">", ast.Eq: "!=", ast.NotEq: "=="}
 _COMPARED |= {ast.In: "not in", ast.NotIn: "in", ast.Is: "is not", ast.IsNot: "is"}

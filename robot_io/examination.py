@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 
 
 class Level(StrEnum):
@@ -18,9 +19,9 @@ class Finding:
     """Result of one check."""
 
     subject: str  # what was checked, such as "servo 2 (joint 2)"
-    level: Level
     text: str  # result, with units
     remedy: str = ""  # what to do, empty without a problem
+    level: Level = Level.OK
 
 
 class Examinable(ABC):
@@ -42,36 +43,9 @@ class Examinable(ABC):
         return None
 
 
-def ok(subject: str, text: str) -> Finding:
-    """Make a finding without problem.
-
-    Args:
-        subject: checked item.
-        text: result, with units.
-    """
-    return Finding(subject, Level.OK, text)
-
-
-def warn(subject: str, text: str, remedy: str) -> Finding:
-    """Make a warning: usable, but worth fixing.
-
-    Args:
-        subject: checked item.
-        text: result, with units.
-        remedy: what to do.
-    """
-    return Finding(subject, Level.WARN, text, remedy)
-
-
-def fail(subject: str, text: str, remedy: str) -> Finding:
-    """Make a failure that must be fixed first.
-
-    Args:
-        subject: checked item.
-        text: result, with units.
-        remedy: what to do.
-    """
-    return Finding(subject, Level.FAIL, text, remedy)
+ok = partial(Finding, level=Level.OK)  # without a remedy
+warn = partial(Finding, level=Level.WARN)
+fail = partial(Finding, level=Level.FAIL)
 
 
 def graded(subject: str, text: str, *problems: tuple[Level, object, str]) -> Finding:
@@ -84,5 +58,5 @@ def graded(subject: str, text: str, *problems: tuple[Level, object, str]) -> Fin
     """
     for level, holds, remedy in problems:
         if holds:
-            return Finding(subject, level, text, remedy)
+            return Finding(subject, text, remedy, level)
     return ok(subject, text)

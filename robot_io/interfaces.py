@@ -61,13 +61,17 @@ class Bus(Component, ABC):
         """
 
 
-class JointEncoder(Component, ABC):
-    """Positions and velocities of all joints."""
+class JointComponent(Component, ABC):
+    """A component of all joints."""
 
     @property
     @abstractmethod
     def joint_count(self) -> int:
         """Number of joints n."""
+
+
+class JointEncoder(JointComponent):
+    """Positions and velocities of all joints."""
 
     @abstractmethod
     def read_position(self) -> Reading:
@@ -78,13 +82,8 @@ class JointEncoder(Component, ABC):
         """Return the newest velocities, shape (n,) [rad/s]; never blocks."""
 
 
-class JointTorque(Component, ABC):
+class JointTorque(JointComponent):
     """Torque-controlled drives of all joints."""
-
-    @property
-    @abstractmethod
-    def joint_count(self) -> int:
-        """Number of joints n."""
 
     @abstractmethod
     def read_torque(self) -> Reading:

@@ -18,12 +18,8 @@ else:
     serial = LazyModule("serial")
 
 
-def reason_of(error: Exception) -> str:
-    """Write why a port cannot be used, without its path.
-
-    Args:
-        error: error of the system.
-    """
+def _reason_of(error: Exception) -> str:
+    """Write why a port cannot be used, without its path."""
     number = getattr(error, "errno", None)
     if number in (errno.EAGAIN, errno.EBUSY):
         return "another program has it"
@@ -43,7 +39,7 @@ def open_exclusively(path: str, baud_rate: int) -> "serial.Serial":
     try:
         port = serial.Serial(path, baud_rate, timeout=0, exclusive=True)
     except (OSError, ValueError) as error:  # SerialException is an OSError
-        raise DeviceError(f"{path}: cannot be opened ({reason_of(error)})") from error
+        raise DeviceError(f"{path}: cannot be opened ({_reason_of(error)})") from error
     with suppress(OSError):  # also against programs that do not ask for a lock
         fcntl.ioctl(port.fileno(), termios.TIOCEXCL)
     with suppress(OSError, ValueError, AttributeError):  # USB adapters otherwise hold bytes back for 16 ms
@@ -190,5 +186,5 @@ class SerialPort:
 
     def _failed(self, error: Exception) -> DeviceError:
         self.close()
-        self.failure = f"the port has failed ({reason_of(error)}); unplugged?"
+        self.failure = f"the port has failed ({_reason_of(error)}); unplugged?"
         return DeviceError(f"{self.path}: {self.failure}")

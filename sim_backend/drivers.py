@@ -6,7 +6,7 @@ import numpy as np
 
 from palpate.robot_io.clock import SimulatedClock
 from palpate.robot_io.driver import DriverContext
-from palpate.robot_io.drivers.joint_bus import BusEncoder, BusTorque, JointBus
+from palpate.robot_io.drivers.joint_bus import JointBus, joint_drivers
 from palpate.robot_io.errors import LifecycleError
 from palpate.robot_io.files.file_model import FileModel, input_error
 from palpate.robot_io.interfaces import ForceSensor
@@ -30,7 +30,8 @@ class SimulatedBus(JointBus):
 
     On a simulated clock the world advances with the clock; on any other it catches up at each poll and flush.
     Before its first activation the arm is supported by its rest, and again after it is deactivated
-    there.
+    there. Readings have the scenario's errors, torques also its resolution; their range is the URDF's effort
+    limit.
 
     Attributes:
         scenario: scenario of the world; `use_scenario` changes it until the robot is configured.
@@ -145,11 +146,7 @@ class SimulatedBus(JointBus):
             self._world.set_torque([0.0] * self._world.joint_count)
 
     def flush(self, deadline_s: float) -> None:
-        """Apply the staged torques from now on, once the world has caught up with the clock.
-
-        Args:
-            deadline_s: not used.
-        """
+        """Apply the staged torques from now on, once the world has caught up with the clock."""
         if self._staged_torque_nm is not None:
             self.world.advance_to(self._clock.now_s())
             self.world.set_torque(self._staged_torque_nm)
@@ -163,21 +160,7 @@ def _reading(sample: SensorSample | None, size: int) -> Reading:
     return Reading(np.array(sample.value), sample.sampled_at_s, sample.status)
 
 
-class SimEncoder(BusEncoder):
-    """Joint positions and velocities of the world, with the scenario's errors."""
-
-    name = "sim_encoder"
-    bus_type = SimulatedBus
-
-
-class SimTorque(BusTorque):
-    """Torque-controlled drives in the world.
-
-    Their range is the URDF's effort limit; resolution and measurement errors come from the scenario.
-    """
-
-    name = "sim_torque"
-    bus_type = SimulatedBus
+SimEncoder, SimTorque = joint_drivers(SimulatedBus, "sim")
 
 
 class SimForce(ForceSensor):

@@ -202,12 +202,6 @@ class ChannelEffect(SensorHook):
     ahead_of_noise: bool
 
     def measure(self, time_s: float, value: Sequence[float]) -> Sequence[float]:
-        """Pass one value through the transducer; see `SensorHook.measure`.
-
-        Args:
-            time_s: time of the sample [s].
-            value: force (1,) [N], torques (n,) [N m] or positions (n,) [rad].
-        """
         changed = list(value)
         changed[self.index] = self.transducer(time_s, changed[self.index])
         return changed
@@ -222,12 +216,6 @@ class AddedTorque(JointEffect):
     torque_nm: Callable[[float, float], float]
 
     def joint_torque_nm(self, state: JointStepState, torque_nm: Sequence[float]) -> Sequence[float]:
-        """Add the torque to that of one joint; see `JointEffect.joint_torque_nm`.
-
-        Args:
-            state: motion of the joints.
-            torque_nm: torques so far, along the joint axes, shape (n,) [N m].
-        """
         i, changed = self.index, list(torque_nm)
         changed[i] += self.torque_nm(state.position_rad[i], state.drive_torque_nm[i])
         return changed

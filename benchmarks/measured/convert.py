@@ -373,9 +373,8 @@ def _ros_types(kind: str, definition: str) -> dict[str, list[tuple[str, str]]]:
     for other in others:
         head, _, body = other.strip().partition("\n")
         types[head.removeprefix("MSG: ").strip().rpartition("/")[2]] = body
-    field = re.compile(
-        r"^\s*([\w/\[\]]+)[ \t]+(\w+)\s*(?:#.*)?$", re.MULTILINE
-    )  # a constant has a "=" as well
+    # A constant has a "=" as well.
+    field = re.compile(r"^\s*([\w/\[\]]+)[ \t]+(\w+)\s*(?:#.*)?$", re.MULTILINE)
     return {name: field.findall(body) for name, body in types.items()}
 
 
@@ -583,20 +582,11 @@ def read_ibw(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 
 
 READERS: dict[str, Reader] = {
-    "bag": read_bag,
-    "binary": read_binary,
-    "ibw": read_ibw,
-    "json": read_json,
-    "text": read_text,
-    "trials": read_trials,
-    "workbook": read_workbook,
-    "matlab": read_matlab,
-    "numpy": read_numpy,
-    "jpk": read_jpk,
-    "nid": read_nid,
-    "quoted": read_quoted,
-    "tdms": read_tdms,
-    "zip": read_zip,
+    reader.__name__.removeprefix("read_"): reader
+    for reader in (
+        *(read_bag, read_binary, read_ibw, read_jpk, read_json, read_matlab, read_nid, read_numpy),
+        *(read_quoted, read_tdms, read_text, read_trials, read_workbook, read_zip),
+    )
 }
 
 

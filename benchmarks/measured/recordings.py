@@ -11,7 +11,7 @@ from palpate.estimation.channel import ChannelData
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.model import Model
 
-from . import joints, read
+from . import read
 
 _TABLE = yaml.safe_load(Path(__file__).with_name("sets.yaml").read_text("utf-8"))
 SETS: dict[str, dict[str, Any]] = _TABLE["sets"]
@@ -42,7 +42,7 @@ def recordings(folder: Path) -> Iterator[Recording]:
     """Read the recordings of a set from a folder that has the set's name."""
     for entry in SETS[folder.name]["recordings"]:
         function, *arguments = entry["read"]
-        content = getattr(joints if hasattr(joints, function) else read, function)(folder, *arguments)
+        content = getattr(read, function)(folder, *arguments)
         if isinstance(content, ChannelData):
             base, *effects = entry["base"]
             content = [content], [Model(base, tuple(EFFECTS[effect]() for effect in effects))]

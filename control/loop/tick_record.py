@@ -183,14 +183,7 @@ class Journal:
             self.event(time_s, event.kind, event.text, event.data)
 
     def event(self, time_s: float, kind: str, text: str, data: Mapping[str, object] | None = None) -> None:
-        """Log one event.
-
-        Args:
-            time_s: time on the robot's clock [s].
-            kind: short word for filters.
-            text: one sentence for people.
-            data: values for programs.
-        """
+        """See `TickLog.event`; a failure is counted."""
         try:
             self._log.event(time_s, kind, text, data)
         except Exception as error:

@@ -125,11 +125,7 @@ class JointBrake:
         self.duration_s = self._blend.duration_s
 
     def at(self, time_s: float) -> JointMotion:
-        """Compute the motion at a time.
-
-        Args:
-            time_s: time since the braking began [s]; at rest afterwards.
-        """
+        """See `JointMove.at`; the time counts from the start of the braking."""
         return _scaled(self._start, self._change, self._blend.at(time_s))
 
 
@@ -157,21 +153,12 @@ class JointPath:
         self.duration_s = sum(move.duration_s for move in self._moves)
 
     def at(self, time_s: float) -> JointMotion:
-        """Compute the motion at a time.
-
-        Args:
-            time_s: time since the start [s]; at rest at the end afterwards.
-        """
+        """See `JointMove.at`."""
         index, since_s = self._move_at(time_s)
         return self._moves[index].at(since_s)
 
     def brake_at(self, time_s: float, acceleration_limit_rad_s2: float) -> JointBrake:
-        """Return a motion that comes to rest during the move; see `JointMove.brake_at`.
-
-        Args:
-            time_s: time at which the braking begins [s].
-            acceleration_limit_rad_s2: limit of every joint [rad/s^2].
-        """
+        """See `JointMove.brake_at`."""
         index, since_s = self._move_at(time_s)
         return self._moves[index].brake_at(since_s, acceleration_limit_rad_s2)
 
@@ -288,11 +275,7 @@ class LineReturn:
         self.duration_s = self._stop_at_s + self._stop.duration_s
 
     def at(self, time_s: float) -> LineState:
-        """Compute the motion along the line at a time.
-
-        Args:
-            time_s: time since the start [s].
-        """
+        """See `SpeedBlend.at`."""
         if time_s < self._stop_at_s:
             return self._cruise.at(time_s)
         return self._stop.at(time_s - self._stop_at_s)

@@ -57,17 +57,10 @@ class Route(NamedTuple):
             "approach_clearance_m and retract_m"
         )
 
-    def refuse_if_low(self, where: str) -> None:
-        """Raise an error if the route is too low.
 
-        Args:
-            where: part of the route for messages, such as "to target 2".
-
-        Raises:
-            InputError: the route is too low.
-        """
-        if self.clearance_deficit_m > 0.0:
-            raise InputError(self.problem(where))
+def _refuse_if_low(route: Route, where: str) -> None:
+    if route.clearance_deficit_m > 0.0:
+        raise InputError(route.problem(where))
 
 
 class Swing(NamedTuple):
@@ -133,8 +126,8 @@ class Routes:
         for number, site in enumerate(sites, 1):
             place, previous = RouteEnd(site.joint_position_rad(place.position_rad), site), place
             where = f"target {number}"
-            self.find(previous, place).refuse_if_low(f"to {where}")
-        self.find(place, start).refuse_if_low(f"back from {where}")
+            _refuse_if_low(self.find(previous, place), f"to {where}")
+        _refuse_if_low(self.find(place, start), f"back from {where}")
         if not plan.free_air_swing_m:
             return
         for number, site in enumerate(sites, 1):
@@ -145,7 +138,7 @@ class Routes:
                     f"limits; at most {site.lift_room_m:.3g} m"
                 )
             low, up = self._lift_path(site, near_rad)
-            up.refuse_if_low(f"up from target {number}")
+            _refuse_if_low(up, f"up from target {number}")
             near_rad = low.position_rad
             if torque_limits_nm is None:
                 continue

@@ -165,7 +165,7 @@ def serial_port(subject: str, port: Path, denied: Level) -> Finding:
         denied: level of the finding if the port may not be opened.
     """
     if not os.access(port, os.R_OK | os.W_OK):
-        return Finding(subject, denied, f"{port}: permission denied", DIALOUT)
+        return Finding(subject, f"{port}: permission denied", DIALOUT, denied)
     name = port.resolve().name
     latency_ms = _text(Path("/sys/bus/usb-serial/devices") / name / "latency_timer")
     if latency_ms.isdigit() and int(latency_ms) > USB_LATENCY_MS:

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from palpate.robot_io.driver import DriverContext
 from palpate.robot_io.files.file_model import FileModel, input_error
-from palpate.robot_io.interfaces import Bus, JointEncoder, JointTorque
+from palpate.robot_io.interfaces import Bus, JointComponent, JointEncoder, JointTorque
 from palpate.robot_io.types import FloatArray, Reading
 
 
@@ -26,7 +26,7 @@ def check_one_per_joint(context: DriverContext, count: int, devices: str) -> Non
         raise input_error(context.robot_file.document, context.section, problem)
 
 
-class JointBus(Bus):
+class JointBus(Bus, JointComponent):
     """A bus whose devices turn all joints.
 
     Attributes:
@@ -38,11 +38,6 @@ class JointBus(Bus):
     position: Reading
     velocity: Reading
     torque: Reading
-
-    @property
-    @abstractmethod
-    def joint_count(self) -> int:
-        """Number of joints n."""
 
     @abstractmethod
     def power_on(self) -> None:
@@ -61,7 +56,7 @@ class JointBus(Bus):
         """See `JointTorque.stage_torque`; raise `LifecycleError` while the torque is off."""
 
 
-class _BusDevice:
+class _BusDevice(JointComponent):
     bus_type: ClassVar[type[JointBus]]
     Settings: ClassVar[type[FileModel]] = FileModel  # settings of the device; the bus has its own
 
@@ -71,7 +66,6 @@ class _BusDevice:
 
     @property
     def joint_count(self) -> int:
-        """Number of joints n."""
         return self._bus.joint_count
 
 
@@ -99,6 +93,23 @@ class BusTorque(_BusDevice, JointTorque):
 
     def stage_torque(self, torque_nm: FloatArray) -> FloatArray:
         return self._bus.stage(torque_nm)
+
+
+def joint_drivers(
+    bus_type: type[JointBus], prefix: str, encoder: type[BusEncoder] = BusEncoder
+) -> tuple[type[BusEncoder], type[BusTorque]]:
+    """Make the drivers `<prefix>_encoder` and `<prefix>_torque` of a bus, for the registry to find.
+
+    Args:
+        bus_type: class of the bus, in whose module both are assigned.
+        prefix: start of their names in a robot file.
+        encoder: base class of the encoder.
+    """
+    shared = {"bus_type": bus_type, "__module__": bus_type.__module__}
+    return (
+        type("Encoder", (encoder,), {"name": f"{prefix}_encoder", **shared}),
+        type("Torque", (BusTorque,), {"name": f"{prefix}_torque", **shared}),
+    )
 
 
 _ADAPTATION = 0.05  # share by which the usual delay follows a shorter one

@@ -20,7 +20,7 @@ from pydantic import Field, model_validator
 from palpate.robot_io.driver import DriverContext
 from palpate.robot_io.drivers.can.line import CanFrame, CanLineSettings, expect_length
 from palpate.robot_io.drivers.can.motors import ANSWER_S, MotorMounting, PolledMotorBus
-from palpate.robot_io.drivers.joint_bus import BusEncoder, BusTorque
+from palpate.robot_io.drivers.joint_bus import joint_drivers
 from palpate.robot_io.errors import InputError, ProtocolError
 from palpate.robot_io.examination import Finding, fail, ok, warn
 from palpate.robot_io.files.file_model import Number
@@ -311,15 +311,4 @@ class MoteusBus(PolledMotorBus[MoteusState]):
         return f"its torque is limited by {LIMITS.get(state.fault, f'code {state.fault}')}"
 
 
-class MoteusEncoder(BusEncoder):
-    """Positions and velocities that moteus controllers report; the settings are the bus's."""
-
-    name = "moteus_encoder"
-    bus_type = MoteusBus
-
-
-class MoteusTorque(BusTorque):
-    """Torques to and from moteus controllers; the settings are the bus's."""
-
-    name = "moteus_torque"
-    bus_type = MoteusBus
+MoteusEncoder, MoteusTorque = joint_drivers(MoteusBus, "moteus")

@@ -16,7 +16,7 @@ from palpate.robot_io.driver import DriverContext
 from palpate.robot_io.drivers import odrive_protocol as odrive
 from palpate.robot_io.drivers.can.line import CanFrame, CanLineSettings
 from palpate.robot_io.drivers.can.motors import MotorBus, MotorMounting
-from palpate.robot_io.drivers.joint_bus import BusEncoder, BusTorque
+from palpate.robot_io.drivers.joint_bus import joint_drivers
 from palpate.robot_io.drivers.odrive_protocol import AxisState, Firmware, Heartbeat, OdriveCommand
 from palpate.robot_io.errors import DeviceError
 from palpate.robot_io.examination import Finding, fail, ok, warn
@@ -101,8 +101,8 @@ class OdriveBus(MotorBus):
             DeviceError: the adapter cannot be opened, or an axis is silent or of another firmware.
         """
         self.line.open()
-        self._send_all(self._state_frames(AxisState.IDLE))
-        self._request_all(OdriveCommand.GET_VERSION)
+        self._send_all(self._frames(OdriveCommand.SET_AXIS_STATE, AxisState.IDLE))
+        self._send_all(self._frames(OdriveCommand.GET_VERSION))
         self._wait_for(self._all_answered, self._heartbeat_timeout_s)
         for joint in range(self.joint_count):
             if problem := self._setup_problem(joint):
@@ -113,7 +113,7 @@ class OdriveBus(MotorBus):
         for _ in range(_LATENCY_ROUNDS):
             self._answered_at_s = [-inf] * self.joint_count
             asked_s = self._clock.now_s()
-            self._request_all(OdriveCommand.BUS_VOLTAGE_CURRENT)
+            self._send_all(self._frames(OdriveCommand.BUS_VOLTAGE_CURRENT))
             complete = self._wait_for(lambda: -inf not in self._answered_at_s, _LATEST_ANSWER_S)
             latencies_s.append([at_s - asked_s for at_s in self._answered_at_s])
             if not complete:
@@ -126,7 +126,8 @@ class OdriveBus(MotorBus):
     def _report(self) -> list[Finding]:
         self._heartbeats = [None] * self.joint_count
         self._motion_at_s, self._torque_at_s = [-inf] * self.joint_count, [-inf] * self.joint_count
-        self._request_all(OdriveCommand.BUS_VOLTAGE_CURRENT, OdriveCommand.GET_VERSION)
+        for message in (OdriveCommand.BUS_VOLTAGE_CURRENT, OdriveCommand.GET_VERSION):
+            self._send_all(self._frames(message))
         count = self.joint_count
         self._wait_for(
             lambda: self._all_answered() and len(self._supply_v) == count, self._heartbeat_timeout_s
@@ -177,7 +178,7 @@ class OdriveBus(MotorBus):
         """See `MotorBus._switch_off`; each axis must confirm by a heartbeat."""
         sent_s = self._clock.now_s()
         zero_torque = [odrive.encode_input_torque(axis.node_id, 0.0) for axis in self._axes]
-        self._send_all([*zero_torque, *self._state_frames(AxisState.IDLE)])
+        self._send_all([*zero_torque, *self._frames(OdriveCommand.SET_AXIS_STATE, AxisState.IDLE)])
 
         def still_on() -> list[str]:
             return [
@@ -193,14 +194,9 @@ class OdriveBus(MotorBus):
     def _heartbeat_timeout_s(self) -> float:
         return _LOST_HEARTBEATS * self._settings.heartbeat_s
 
-    def _state_frames(self, state: AxisState) -> list[CanFrame]:
-        set_state = OdriveCommand.SET_AXIS_STATE
-        return [odrive.encode_command(axis.node_id, set_state, state) for axis in self._axes]
-
-    def _request_all(self, *messages: OdriveCommand) -> None:
-        """Request messages from every axis."""
-        frames = [odrive.encode_command(axis.node_id, each) for axis in self._axes for each in messages]
-        self._send_all(frames)
+    def _frames(self, command: OdriveCommand, *values: float) -> list[CanFrame]:
+        """Make a command, or the request for a message, for each axis."""
+        return [odrive.encode_command(axis.node_id, command, *values) for axis in self._axes]
 
     def _all_answered(self) -> bool:
         versions = self._settings.firmware is Firmware.V0_5 or len(self._versions) == len(self._axes)
@@ -262,9 +258,8 @@ class OdriveBus(MotorBus):
 
     def _arm(self) -> None:
         """Clear errors and go to closed-loop torque control at zero torque."""
-        nodes = [axis.node_id for axis in self._axes]
         armed_s = self._clock.now_s()
-        self._send_all([odrive.encode_command(node, OdriveCommand.CLEAR_ERRORS, 0) for node in nodes])
+        self._send_all(self._frames(OdriveCommand.CLEAR_ERRORS, 0))
         self._send_all(
             [
                 odrive.encode_command(
@@ -277,13 +272,12 @@ class OdriveBus(MotorBus):
                 if axis.current_limit_a is not None
             ]
         )
-        zero_torque = [odrive.encode_input_torque(node, 0.0) for node in nodes]
-        mode = odrive.TORQUE_CONTROL, odrive.PASSTHROUGH
+        zero_torque = [odrive.encode_input_torque(axis.node_id, 0.0) for axis in self._axes]
         self._send_all(
-            [odrive.encode_command(node, OdriveCommand.SET_CONTROLLER_MODE, *mode) for node in nodes]
+            self._frames(OdriveCommand.SET_CONTROLLER_MODE, odrive.TORQUE_CONTROL, odrive.PASSTHROUGH)
         )
         self._send_all(zero_torque)
-        self._send_all(self._state_frames(AxisState.CLOSED_LOOP_CONTROL))
+        self._send_all(self._frames(OdriveCommand.SET_AXIS_STATE, AxisState.CLOSED_LOOP_CONTROL))
 
         def armed() -> bool:
             self._send_all(zero_torque)  # feeds the watchdogs
@@ -376,15 +370,4 @@ class OdriveBus(MotorBus):
         return self._describe(beat) if self._powered else ""
 
 
-class OdriveEncoder(BusEncoder):
-    """Positions and velocities that ODrive axes estimate; the settings are the bus's."""
-
-    name = "odrive_encoder"
-    bus_type = OdriveBus
-
-
-class OdriveTorque(BusTorque):
-    """Torques to and from ODrive axes; the settings are the bus's."""
-
-    name = "odrive_torque"
-    bus_type = OdriveBus
+OdriveEncoder, OdriveTorque = joint_drivers(OdriveBus, "odrive")

@@ -161,18 +161,6 @@ class Heartbeat:
     component_errors: tuple[str, ...] = ()  # names of the components that report an error (0.5 only)
 
 
-def odrive_id(node_id: int, command: OdriveCommand) -> int:
-    """Return the arbitration id of an axis's command or message; raise `InputError` for a wrong node id.
-
-    Args:
-        node_id: node id of the axis, 0 to 63.
-        command: command or message.
-    """
-    if not 0 <= node_id <= MAX_NODE_ID:
-        raise InputError(f"node id {node_id} is not from 0 to {MAX_NODE_ID}")
-    return node_id << COMMAND_BITS | command
-
-
 def decode_heartbeat(frame: CanFrame, firmware: Firmware) -> Heartbeat:
     """Decode a heartbeat of either generation; raise `ProtocolError` for a wrong length or state.
 
@@ -236,7 +224,7 @@ def encode_command(node_id: int, command: OdriveCommand, *values: float) -> CanF
     """
     layout = _LAYOUTS.get(command)
     data = b"" if layout is None else layout.pack(*values)
-    return CanFrame(odrive_id(node_id, command), data, remote=layout is None)
+    return CanFrame(node_id << COMMAND_BITS | command, data, remote=layout is None)
 
 
 def encode_input_torque(node_id: int, torque_nm: float) -> CanFrame:
@@ -252,4 +240,4 @@ def encode_input_torque(node_id: int, torque_nm: float) -> CanFrame:
         raise InputError(f"torque {torque_nm} N m does not fit into 32 bits") from error
     if not isfinite(torque_nm):
         raise InputError(f"torque {torque_nm} N m is not finite")
-    return CanFrame(odrive_id(node_id, OdriveCommand.SET_INPUT_TORQUE), data)
+    return CanFrame(node_id << COMMAND_BITS | OdriveCommand.SET_INPUT_TORQUE, data)

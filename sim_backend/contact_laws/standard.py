@@ -20,12 +20,7 @@ class EngineContact(ObjectLaw):
     damping_n_s_m: Number = Field(ge=0, le=1e4)  # contactDamping [N s/m]
 
     def material_force_n(self, depth_m: float, rate_m_s: float) -> float:
-        """Compute the nominal force of the engine's contact, which never pulls [N].
-
-        Args:
-            depth_m: depth of the tip below the surface [m].
-            rate_m_s: rate of the depth [m/s].
-        """
+        """Compute the nominal force of the engine's contact, which never pulls [N]."""
         return max(self.stiffness_n_m * depth_m + self.damping_n_s_m * rate_m_s, 0.0)
 
 
@@ -42,12 +37,7 @@ class HuntCrossleyLaw(ObjectLaw):
     exponent: Number = Field(ge=1.0, le=4.0)  # n [-]; 1.5 for a sphere on an elastic half space
 
     def material_force_n(self, depth_m: float, rate_m_s: float) -> float:
-        """Compute (k + b dx/dt) x^n [N]; negative on fast retraction, where dx/dt < -k / b.
-
-        Args:
-            depth_m: of the tip below the surface, positive [m].
-            rate_m_s: of the depth, positive while pressing in [m/s].
-        """
+        """Compute (k + b dx/dt) x^n [N]; negative on fast retraction, where dx/dt < -k / b."""
         return (self.stiffness + self.damping * rate_m_s) * float(depth_m**self.exponent)
 
 
@@ -65,12 +55,7 @@ class KelvinVoigtLaw(ObjectLaw):
     sticky: bool = False  # whether the object may pull while the tip is below its surface
 
     def material_force_n(self, depth_m: float, rate_m_s: float) -> float:
-        """Compute k x + c dx/dt [N]; negative on retraction, where dx/dt < -k x / c.
-
-        Args:
-            depth_m: of the tip below the surface, positive [m].
-            rate_m_s: of the depth, positive while pressing in [m/s].
-        """
+        """Compute k x + c dx/dt [N]; negative on retraction, where dx/dt < -k x / c."""
         return self.stiffness_n_m * depth_m + self.damping_n_s_m * rate_m_s
 
     @property

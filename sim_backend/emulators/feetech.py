@@ -173,11 +173,7 @@ class EmulatedSts(LineServo):
         self._drive()
 
     def watch(self, now_s: float) -> None:
-        """Read the position sensor and control the position; steps are shorter than samples of the joint.
-
-        Args:
-            now_s: emulator's clock [s].
-        """
+        """Read the position sensor and control the position; steps are shorter than samples of the joint."""
         shaft = self.shaft
         joint = (shaft.state(), shaft.limp, shaft.backwards) if shaft else None
         if (joint, self.stuck, self.error, self.supply_v, self._memory) == self._watched:

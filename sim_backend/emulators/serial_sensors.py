@@ -22,13 +22,15 @@ from palpate.sim_backend.emulators.hardware import EmulatedWire
 from palpate.sim_backend.emulators.serial_line import PtyLine, SerialSensor, StreamTimer
 from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
+_RATE_HZ = 500.0  # of gauges that send by themselves
+
 
 class EmulatedGauge(SerialSensor):
-    """One gauge, up to a capacity [N]; it writes lines such as "-12.34 N" at a rate [Hz]."""
+    """One gauge, up to a capacity [N]; it writes lines such as "-12.34 N"."""
 
-    def __init__(self, capacity_n: float, rate_hz: float = 500.0) -> None:
+    def __init__(self, capacity_n: float) -> None:
         self.range_n = capacity_n
-        self._timer = StreamTimer(rate_hz)
+        self._timer = StreamTimer(_RATE_HZ)
         self._timer.start(0.0)
 
     def reading(self, force_n: float) -> bytes:
@@ -120,11 +122,7 @@ class EmulatedLorenz(SerialSensor):
     """One sensor with its counts at its nominal load [N], and the codes of its unit and of that load."""
 
     def __init__(
-        self,
-        nominal_n: float,
-        counts_at_nominal: float = 25000.0,
-        dimension_code: int = 3,
-        load_code: int = 100,
+        self, nominal_n: float, counts_at_nominal: float, dimension_code: int = 3, load_code: int = 100
     ) -> None:
         self.range_n = nominal_n * 32767 / counts_at_nominal
         self._counts_per_n = counts_at_nominal / nominal_n
@@ -197,11 +195,12 @@ _UNITS = {  # command, unit text behind a reading, and its size [N] or [N m]
     "MN": ("mN", 1e-3),
     "LBIN": ("lbFin", 1.0),
 }
+_ANSWER_S = 1.5e-3
 _SILENT = ("AOUT", "AOFF", "IPOL", "OPOL", "FULL", "NUM", "CUR")  # settings that are not answered
 
 
 class EmulatedMark10(SerialSensor):
-    """One gauge; it reads a tenth beyond its capacity [N], and takes `answer_s` to answer [s].
+    """One gauge; it reads a tenth beyond its capacity [N].
 
     Attributes:
         unit: command of the unit that it reads in.
@@ -210,8 +209,8 @@ class EmulatedMark10(SerialSensor):
 
     unit, unknown = "LB", ()
 
-    def __init__(self, capacity_n: float, answer_s: float = 1.5e-3) -> None:
-        self.range_n, self._answer_s = 1.1 * capacity_n, answer_s
+    def __init__(self, capacity_n: float) -> None:
+        self.range_n = 1.1 * capacity_n
         self._input, self._due_s = b"", math.inf
 
     def _process(self, data: bytes, now_s: float) -> bytes:
@@ -220,7 +219,7 @@ class EmulatedMark10(SerialSensor):
 
     def _execute(self, command: str, now_s: float) -> bytes:
         if command == "?C":
-            self._due_s = now_s + self._answer_s
+            self._due_s = now_s + _ANSWER_S
         elif command == "RM":
             return b"M7-50\r\n"
         elif command.rstrip("0123456789") in self.unknown or not command:
@@ -327,9 +326,9 @@ class EmulatedBota(SerialSensor):
         starts_until_s: end of its start, from which on it receives commands [s].
     """
 
-    def __init__(self, axis: int, capacity_n: float, length: int = 512) -> None:
+    def __init__(self, axis: int, capacity_n: float) -> None:
         self.range_n, self._axis, self.status, self.refused = capacity_n, axis, 0, ""
-        self._saved = self._length = length
+        self._saved = self._length = 512
         self._configures = False
         self.starts_until_s = 0.0
         self._time_us = 0.0

@@ -375,12 +375,7 @@ class Rotors(hooks.JointEffect):
         self._refresh_s = -inf
 
     def joint_torque_nm(self, state: hooks.JointStepState, torque_nm: Sequence[float]) -> Sequence[float]:
-        """Subtract J a, the torques that accelerate the rotors, with a as in the class.
-
-        Args:
-            state: motion of the joints.
-            torque_nm: torques so far, along the joint axes, shape (n,) [N m].
-        """
+        """Subtract J a, the torques that accelerate the rotors, with a as in the class."""
         speed_rad_s, changed_nm = np.array(state.velocity_rad_s), np.array(torque_nm)
         if state.time_s >= self._refresh_s:
             self._inverse = np.linalg.inv(state.mass_matrix())

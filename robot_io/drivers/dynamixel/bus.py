@@ -1,17 +1,18 @@
 """A bus of Dynamixel servos of the X series in current control."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from palpate.robot_io.driver import DriverContext
 from palpate.robot_io.drivers.dynamixel import tables
-from palpate.robot_io.drivers.dynamixel.servos import DynamixelFeedback, DynamixelLine, examine_servo
+from palpate.robot_io.drivers.dynamixel.servos import DynamixelFeedback, DynamixelLine
 from palpate.robot_io.drivers.dynamixel.tables import DynamixelSettings, ServoSettings
-from palpate.robot_io.drivers.joint_bus import BusTorque
+from palpate.robot_io.drivers.joint_bus import joint_drivers
 from palpate.robot_io.drivers.servo.bus import ServoBus, ServoEncoder
 from palpate.robot_io.drivers.servo.feedback import FeedbackReader
-from palpate.robot_io.examination import Finding
+from palpate.robot_io.drivers.servo.line import TOO_HOT
+from palpate.robot_io.examination import Finding, Level, fail, graded, ok
 from palpate.robot_io.types import FloatArray
 
 
@@ -30,7 +31,11 @@ def count_steps(servos: Sequence[ServoSettings]) -> FloatArray:
 
 
 class DynamixelBus(ServoBus[DynamixelFeedback]):
-    """Servos of the X series in current control, Protocol 2.0."""
+    """Servos of the X series in current control, Protocol 2.0.
+
+    Torques, commanded and measured, are motor currents; they do not include the friction of the gears. The
+    servo's velocity has steps of 0.024 rad/s.
+    """
 
     name = "dynamixel_bus"
     _settings: DynamixelSettings
@@ -48,8 +53,35 @@ class DynamixelBus(ServoBus[DynamixelFeedback]):
         self._healthy = [(nothing, (on,) * len(self._ids), nothing, watchdog) for on in (0, 1)]
         self._servos = {servo.id: servo for servo in validated.turning}
 
-    def _examine_servo(self, servo_id: int, label: str) -> list[Finding]:
-        return list(examine_servo(self._line.registers, self._servos[servo_id], label))
+    def _examine_servo(self, servo_id: int, label: str) -> Iterator[Finding]:
+        access, servo = self._line.registers, self._servos[servo_id]
+        read = access.read
+        number, firmware = access.servo_label(servo.id)
+        value = f"{servo.name_model(number)}, firmware {firmware}"
+        if number != servo.servo_model.number:
+            value += f", but the robot file states {servo.model}"
+            yield fail(label, value, "correct the model, or the ids")
+        elif firmware < tables.WATCHDOG_FIRMWARE:
+            value += ", without a bus watchdog"
+            yield fail(label, value, f"update it to {tables.WATCHDOG_FIRMWARE} or newer")
+        else:
+            yield ok(label, value)
+        voltage, low, high = (
+            0.1 * read(servo.id, register)
+            for register in (tables.PRESENT_INPUT_VOLTAGE, tables.MIN_VOLTAGE_LIMIT, tables.MAX_VOLTAGE_LIMIT)
+        )
+        celsius, limit = read(servo.id, tables.PRESENT_TEMPERATURE), read(servo.id, tables.TEMPERATURE_LIMIT)
+        yield graded(
+            label,
+            f"{voltage:.1f} V (its limits {low:.1f} to {high:.1f} V), {celsius} °C (its limit {limit} °C)",
+            (Level.FAIL, not low < voltage < high, "check the power supply and the cable's cross-section"),
+            (Level.WARN, celsius > limit, TOO_HOT),
+        )
+        if errors := read(servo.id, tables.HARDWARE_ERROR_STATUS):
+            names = tables.hardware_error_names(errors)
+            yield fail(label, f"hardware error: {names}", "remove the cause, then reboot it")
+        for trouble, remedy in access.setup_problems(servo):
+            yield fail(label, trouble, remedy)
 
     def tick_wire_s(self) -> float | None:
         """See `Examinable.tick_wire_s`; the servos wait before they answer."""
@@ -97,18 +129,4 @@ class DynamixelBus(ServoBus[DynamixelFeedback]):
         return counts, np.array(self._pairs.sum_pairs(sent_nm))
 
 
-class DynamixelEncoder(ServoEncoder):
-    """Positions and velocities from a `dynamixel_bus`; the servo's velocity has steps of 0.024 rad/s."""
-
-    name = "dynamixel_encoder"
-    bus_type = DynamixelBus
-
-
-class DynamixelTorque(BusTorque):
-    """Drives of a `dynamixel_bus`.
-
-    Command and measurement are motor currents; neither includes the friction of the gears.
-    """
-
-    name = "dynamixel_torque"
-    bus_type = DynamixelBus
+DynamixelEncoder, DynamixelTorque = joint_drivers(DynamixelBus, "dynamixel", ServoEncoder)

@@ -10,9 +10,8 @@ from palpate.robot_io.drivers.dynamixel import protocol, tables
 from palpate.robot_io.drivers.dynamixel.protocol import DynamixelStatus, DynamixelStatusReader, FastReply
 from palpate.robot_io.drivers.dynamixel.tables import DynamixelSettings, ServoSettings
 from palpate.robot_io.drivers.servo.feedback import FeedbackReader, FeedbackRequest
-from palpate.robot_io.drivers.servo.line import TOO_HOT, RegisterAccess, ServoLine
+from palpate.robot_io.drivers.servo.line import RegisterAccess, ServoLine
 from palpate.robot_io.errors import DeviceError, ProtocolError
-from palpate.robot_io.examination import Finding, Level, fail, graded, ok
 from palpate.robot_io.serial_port import SerialPort
 
 _FEEDBACK_REGISTERS: Final = (
@@ -265,40 +264,3 @@ class DynamixelLine(ServoLine):
     @property
     def unreachable_note(self) -> str:
         return f"its watchdog switches it off {self._settings.watchdog_s:g} s after the last command"
-
-
-def examine_servo(access: DynamixelAccess, servo: ServoSettings, label: str) -> Iterator[Finding]:
-    """Examine model, firmware, supply, temperature, errors and setup of a servo, or raise `DeviceError`.
-
-    Args:
-        access: Access to its registers.
-        servo: Its settings in the robot file.
-        label: Label for messages.
-    """
-    read = access.read
-    number, firmware = access.servo_label(servo.id)
-    value = f"{servo.name_model(number)}, firmware {firmware}"
-    if number != servo.servo_model.number:
-        value += f", but the robot file states {servo.model}"
-        yield fail(label, value, "correct the model, or the ids")
-    elif firmware < tables.WATCHDOG_FIRMWARE:
-        value += ", without a bus watchdog"
-        yield fail(label, value, f"update it to {tables.WATCHDOG_FIRMWARE} or newer")
-    else:
-        yield ok(label, value)
-    voltage, low, high = (
-        0.1 * read(servo.id, register)
-        for register in (tables.PRESENT_INPUT_VOLTAGE, tables.MIN_VOLTAGE_LIMIT, tables.MAX_VOLTAGE_LIMIT)
-    )
-    celsius, limit = read(servo.id, tables.PRESENT_TEMPERATURE), read(servo.id, tables.TEMPERATURE_LIMIT)
-    yield graded(
-        label,
-        f"{voltage:.1f} V (its limits {low:.1f} to {high:.1f} V), {celsius} °C (its limit {limit} °C)",
-        (Level.FAIL, not low < voltage < high, "check the power supply and the cable's cross-section"),
-        (Level.WARN, celsius > limit, TOO_HOT),
-    )
-    if errors := read(servo.id, tables.HARDWARE_ERROR_STATUS):
-        names = tables.hardware_error_names(errors)
-        yield fail(label, f"hardware error: {names}", "remove the cause, then reboot it")
-    for trouble, remedy in access.setup_problems(servo):
-        yield fail(label, trouble, remedy)

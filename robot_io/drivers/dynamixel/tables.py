@@ -12,6 +12,7 @@ Fast Sync Read (minimum firmware; XC330 is taken to be as XL330).
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from math import pi
 from typing import Annotated, ClassVar, Final, Literal
 
@@ -70,15 +71,7 @@ _HARDWARE_ERRORS = {
     0x20: "overload",
 }
 
-
-def hardware_error_names(value: int) -> str:
-    """Name the errors in a hardware error status. Source: e-manual, "Shutdown (63)".
-
-    Args:
-        value: content of the register, one bit an error.
-    """
-    return bit_names(value, _HARDWARE_ERRORS)
-
+hardware_error_names = partial(bit_names, names=_HARDWARE_ERRORS)  # source: e-manual, "Shutdown (63)"
 
 COUNTS_PER_REVOLUTION: Final = 4096
 POSITION_STEP_RAD: Final = 2.0 * pi / COUNTS_PER_REVOLUTION

@@ -6,7 +6,7 @@ the servo's own law (`tables`). Without further commands, the joint stays near t
 the motor, from its duty cycle and speed; they do not include the friction of the gears.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import ceil
 
 import numpy as np
@@ -15,13 +15,14 @@ from palpate.robot_io.driver import DriverContext
 from palpate.robot_io.drivers.feetech import tables
 from palpate.robot_io.drivers.feetech.feedback import FeetechFeedback, FeetechReader, PlausibilityFilter
 from palpate.robot_io.drivers.feetech.protocol import error_names
-from palpate.robot_io.drivers.feetech.servos import FeetechLine, examine_servo
+from palpate.robot_io.drivers.feetech.servos import FeetechLine
 from palpate.robot_io.drivers.feetech.tables import POSITION_STEP_RAD, FeetechSettings
-from palpate.robot_io.drivers.joint_bus import BusTorque
+from palpate.robot_io.drivers.joint_bus import joint_drivers
 from palpate.robot_io.drivers.servo.bus import ServoBus, ServoEncoder
 from palpate.robot_io.drivers.servo.feedback import FeedbackReader
+from palpate.robot_io.drivers.servo.line import TOO_HOT
 from palpate.robot_io.errors import LifecycleError
-from palpate.robot_io.examination import Finding, ok
+from palpate.robot_io.examination import Finding, Level, graded, ok
 from palpate.robot_io.types import FloatArray, clip
 
 _LEAST_DUTY = 0.1  # smallest torque limit, as a duty cycle
@@ -70,10 +71,35 @@ class FeetechBus(ServoBus[FeetechFeedback]):
         # `FeetechFeedback.torque_on` of healthy servos, by whether they are powered.
         self._torque_on = [(on,) * len(validated.ids) for on in (0, 1)]
 
-    def _examine_servo(self, servo_id: int, label: str) -> list[Finding]:
-        if servo_id in self._servos:
-            return [examine_servo(self._line, self._servos[servo_id], label)]
-        return [ok(label, "answers, and holds its position while the torque is on")]
+    def _examine_servo(self, servo_id: int, label: str) -> Iterator[Finding]:
+        """See `ServoBus._examine_servo`; of each servo only the most severe finding."""
+        if servo_id not in self._servos:
+            yield ok(label, "answers, and holds its position while the torque is on")
+            return
+        line = self._line
+        identity = line.identify_servo(self._servos[servo_id])
+        errors = line.registers.read(servo_id, tables.STATUS)
+        is_hot = identity.temperature_c > identity.temperature_limit_c
+        value = (
+            f"{identity.servo.model}, firmware {identity.firmware}, {identity.voltage_v:.1f} V, "
+            f"{identity.temperature_c} °C (its limit {identity.temperature_limit_c} °C), "
+            f"homing offset {identity.homing_offset}"
+        )
+        if errors:
+            value += f"; error: {error_names(errors)}"
+        elif identity.problem:
+            value += f"; {identity.problem}"
+        elif not is_hot:
+            if line.torque_limits[servo_id] == tables.LARGEST_LIMIT:
+                value += "; its own torque limit is its stall torque, so only the guard enforces 'limits'"
+            value += "; no watchdog: it holds its last goal when the program dies"
+        yield graded(
+            label,
+            value,
+            (Level.FAIL, errors, "remove the cause, then restart it"),
+            (Level.FAIL, identity.problem, "correct the robot file, or the supply"),
+            (Level.WARN, is_hot, TOO_HOT),
+        )
 
     def _prepare_feedback(self) -> FeedbackReader[FeetechFeedback]:
         self._line.identify()
@@ -138,15 +164,4 @@ class FeetechBus(ServoBus[FeetechFeedback]):
         self._plausibility.sent(list(self._line.switch_on().values()))
 
 
-class FeetechEncoder(ServoEncoder):
-    """Positions and velocities from a `feetech_bus`."""
-
-    name = "feetech_encoder"
-    bus_type = FeetechBus
-
-
-class FeetechTorque(BusTorque):
-    """Torques of a `feetech_bus`, commanded and measured as duty cycles of the motors; see `FeetechBus`."""
-
-    name = "feetech_torque"
-    bus_type = FeetechBus
+FeetechEncoder, FeetechTorque = joint_drivers(FeetechBus, "feetech", ServoEncoder)

@@ -7,7 +7,7 @@ little-endian. Source: Feetech, "Magnetic encoder smart servo communication prot
 """
 
 from collections.abc import Iterable
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import repeat
 from typing import Final
 from zlib import adler32
@@ -38,15 +38,11 @@ ERROR_NAMES: Final = {
     0x08: "over current",
     0x20: "overload",
 }
+error_names = partial(bit_names, names=ERROR_NAMES)  # of an answer's error byte, one bit an error
 
 
-def byte_sum(data: bytes, start: int = 0) -> int:
-    """Return the sum of at most 256 bytes: the low half of Adler-32, four times as fast as `sum`.
-
-    Args:
-        data: Bytes to add.
-        start: Sum of earlier bytes, of the 256.
-    """
+def _byte_sum(data: bytes, start: int = 0) -> int:
+    """Sum at most 256 bytes, onto earlier ones: the low half of Adler-32, four times as fast as `sum`."""
     return adler32(data, start) & 0xFFFF
 
 
@@ -57,15 +53,6 @@ def are_intact(packets: Iterable[bytes]) -> bool:
         packets: Whole packets and nothing else.
     """
     return {total & 0xFF for total in map(adler32, packets, repeat(0))} == {WHOLE_SUM}
-
-
-def error_names(value: int) -> str:
-    """Name the errors in an error byte.
-
-    Args:
-        value: error byte of an answer, one bit an error.
-    """
-    return bit_names(value, ERROR_NAMES)
 
 
 def decode_status(packet: bytes) -> ServoAnswer:
@@ -80,7 +67,7 @@ def decode_status(packet: bytes) -> ServoAnswer:
     servo_id, length = packet[2], packet[3]
     if length != size - 4:
         raise ProtocolError(f"a packet of {size} bytes whose length field says {4 + length}")
-    if byte_sum(packet) & 0xFF != WHOLE_SUM:
+    if _byte_sum(packet) & 0xFF != WHOLE_SUM:
         raise ProtocolError(f"wrong checksum in a packet of servo {servo_id}")
     if servo_id > LARGEST_ID:
         raise ProtocolError(f"not an answer from a servo: id {servo_id}")
@@ -134,7 +121,7 @@ class FeetechProtocol(ServoProtocol):
 
     def sync_write_block(self, address: int, size: int, block: bytes) -> bytes:
         head, total = self._sync_write_head(address, size, len(block))
-        return head + block + bytes((~byte_sum(block, total) & 0xFF,))
+        return head + block + bytes((~_byte_sum(block, total) & 0xFF,))
 
     @lru_cache  # noqa: B019 -- there is one dialect
     def _sync_write_head(self, address: int, size: int, count: int) -> tuple[bytes, int]:

@@ -5,11 +5,9 @@ from dataclasses import dataclass
 
 from palpate.robot_io.clock import Clock
 from palpate.robot_io.drivers.feetech import protocol, tables
-from palpate.robot_io.drivers.feetech.protocol import error_names
 from palpate.robot_io.drivers.feetech.tables import FeetechServo, FeetechSettings
-from palpate.robot_io.drivers.servo.line import TOO_HOT, RegisterAccess, ServoLine
+from palpate.robot_io.drivers.servo.line import RegisterAccess, ServoLine
 from palpate.robot_io.errors import DeviceError
-from palpate.robot_io.examination import Finding, Level, graded
 from palpate.robot_io.serial_port import SerialPort
 
 _VOLTAGE_SHARE = 0.25  # largest deviation from the model's voltage; distinguishes 7.4 and 12 V
@@ -37,13 +35,22 @@ _PLAIN_LAW = (
 class ServoIdentity:
     """Identity and state of a servo at its examination."""
 
-    model: str  # name of its model
+    servo: FeetechServo  # its settings in the robot file
     firmware: str  # version
     voltage_v: float  # input voltage [V]
     voltage_limits_v: tuple[float, float]  # lowest and highest that it takes [V]
     temperature_c: int  # inside it [degrees Celsius]
     temperature_limit_c: int  # from which on it protects itself [degrees Celsius]
     homing_offset: int  # subtracted from its position [counts]
+
+    @property
+    def problem(self) -> str | None:
+        """Why the servo does not fit the robot file, or None."""
+        nominal_v, (low_v, high_v) = self.servo.servo_model.voltage_v, self.voltage_limits_v
+        is_near = abs(self.voltage_v - nominal_v) <= _VOLTAGE_SHARE * nominal_v
+        if not (is_near and low_v <= self.voltage_v <= high_v):
+            return f"is supplied with {self.voltage_v:.1f} V, a {self.servo.model} needs {nominal_v:g} V"
+        return self.servo.homing_problem(self.homing_offset)
 
 
 class FeetechLine(ServoLine):
@@ -75,10 +82,9 @@ class FeetechLine(ServoLine):
             self.registers.write_unconfirmed(servo_id, tables.LOCK, 1)
             self.registers.write_unconfirmed(servo_id, tables.RESPONSE_LEVEL, tables.ANSWER_EVERYTHING)
             self.registers.write_and_verify(servo_id, tables.TORQUE_ENABLE, 0)
-        identities = [(servo, self.identify_servo(servo)) for servo in self._settings.turning]
-        for servo, identity in identities:
-            if trouble := identity_problem(servo, identity):
-                raise DeviceError(f"servo {servo.id}: {trouble}")
+        for identity in [self.identify_servo(servo) for servo in self._settings.turning]:
+            if identity.problem:
+                raise DeviceError(f"servo {identity.servo.id}: {identity.problem}")
 
     def identify_servo(self, servo: FeetechServo) -> ServoIdentity:
         """Read the identity of a servo; raise `DeviceError` if its model or its way to count differs.
@@ -96,7 +102,7 @@ class FeetechLine(ServoLine):
         firmware = read(servo_id, tables.FIRMWARE)
         limits_v = (read(servo_id, tables.MIN_VOLTAGE), read(servo_id, tables.MAX_VOLTAGE))
         return ServoIdentity(
-            model=servo.model,
+            servo,
             firmware=f"{firmware & 0xFF}.{firmware >> 8}",
             voltage_v=0.1 * read(servo_id, tables.PRESENT_VOLTAGE),
             voltage_limits_v=(0.1 * limits_v[0], 0.1 * limits_v[1]),
@@ -123,54 +129,3 @@ class FeetechLine(ServoLine):
         for servo_id in self.ids:
             registers.write_and_verify(servo_id, tables.TORQUE_ENABLE, 1)
         return goals
-
-
-def identity_problem(servo: FeetechServo, identity: ServoIdentity) -> str | None:
-    """Return why a servo does not fit the robot file, or None.
-
-    Args:
-        servo: Its settings in the robot file.
-        identity: Identity that it reports.
-    """
-    nominal_v, voltage_v = servo.servo_model.voltage_v, identity.voltage_v
-    low_v, high_v = identity.voltage_limits_v
-    is_near = abs(voltage_v - nominal_v) <= _VOLTAGE_SHARE * nominal_v
-    if not (is_near and low_v <= voltage_v <= high_v):
-        return f"is supplied with {voltage_v:.1f} V, a {servo.model} needs {nominal_v:g} V"
-    return servo.homing_problem(identity.homing_offset)
-
-
-def examine_servo(line: FeetechLine, servo: FeetechServo, label: str) -> Finding:
-    """Examine model, supply, temperature, errors and setup of a servo; return the most severe finding.
-
-    Args:
-        line: Its line.
-        servo: Its settings in the robot file.
-        label: Label for messages.
-
-    Raises:
-        DeviceError: It does not answer, is another model, has a wrong setup, or the port failed.
-    """
-    identity, errors = line.identify_servo(servo), line.registers.read(servo.id, tables.STATUS)
-    trouble = identity_problem(servo, identity)
-    is_hot = identity.temperature_c > identity.temperature_limit_c
-    value = (
-        f"{identity.model}, firmware {identity.firmware}, {identity.voltage_v:.1f} V, "
-        f"{identity.temperature_c} °C (its limit {identity.temperature_limit_c} °C), "
-        f"homing offset {identity.homing_offset}"
-    )
-    if errors:
-        value += f"; error: {error_names(errors)}"
-    elif trouble:
-        value += f"; {trouble}"
-    elif not is_hot:
-        if line.torque_limits[servo.id] == tables.LARGEST_LIMIT:
-            value += "; its own torque limit is its stall torque, so only the guard enforces 'limits'"
-        value += "; no watchdog: it holds its last goal when the program dies"
-    return graded(
-        label,
-        value,
-        (Level.FAIL, errors, "remove the cause, then restart it"),
-        (Level.FAIL, trouble, "correct the robot file, or the supply"),
-        (Level.WARN, is_hot, TOO_HOT),
-    )

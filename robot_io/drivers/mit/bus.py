@@ -7,7 +7,7 @@ from math import inf
 from palpate.robot_io.driver import DriverContext
 from palpate.robot_io.drivers.can.line import CanFrame
 from palpate.robot_io.drivers.can.motors import ANSWER_S, PolledMotorBus
-from palpate.robot_io.drivers.joint_bus import BusEncoder, BusTorque
+from palpate.robot_io.drivers.joint_bus import joint_drivers
 from palpate.robot_io.drivers.mit.protocol import (
     TIMEOUT_STEP_S,
     MitRanges,
@@ -256,15 +256,4 @@ class MitBus(PolledMotorBus[MitState]):
         return [self._frames.order(motor_id, MotorCommand.ENTER), self._encode_torque(joint, 0.0)[0], leave]
 
 
-class MitEncoder(BusEncoder):
-    """Positions and velocities that MIT-mode motors report; the settings are the bus's."""
-
-    name = "mit_encoder"
-    bus_type = MitBus
-
-
-class MitTorque(BusTorque):
-    """Torques to and from MIT-mode motors; the settings are the bus's."""
-
-    name = "mit_torque"
-    bus_type = MitBus
+MitEncoder, MitTorque = joint_drivers(MitBus, "mit")

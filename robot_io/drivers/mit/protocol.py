@@ -62,30 +62,15 @@ class MitState:
     enabled: bool | None
 
 
-def to_bits(value: float, half_range: float, largest: int) -> int:
-    """Return the integer from 0 to `largest` that encodes a value from -half_range to half_range.
-
-    Args:
-        value: value to encode; values beyond the range are clipped.
-        half_range: end of the range, in the unit of `value`.
-        largest: largest integer, 2^n - 1.
-
-    Raises:
-        InputError: the value is not a number.
-    """
+def _to_bits(value: float, half_range: float, largest: int) -> int:
+    """Encode a value from -half_range to half_range, clipped, as 0 to `largest`; `InputError` for NaN."""
     if isnan(value):
         raise InputError("a motor command is not a number")
     return round((min(max(value, -half_range), half_range) + half_range) / (2.0 * half_range) * largest)
 
 
-def from_bits(bits: int, half_range: float, largest: int) -> float:
-    """Convert an integer from 0 to `largest` to a value from -half_range to half_range.
-
-    Args:
-        bits: the integer.
-        half_range: end of the range, in the unit of the returned value.
-        largest: largest integer, 2^n - 1.
-    """
+def _from_bits(bits: int, half_range: float, largest: int) -> float:
+    """Decode what `_to_bits` encoded."""
     return (2.0 * bits / largest - 1.0) * half_range
 
 
@@ -157,9 +142,9 @@ class MitFrames:
         Raises:
             InputError: the torque is not a number.
         """
-        bits = to_bits(torque_nm, ranges.torque_nm, _MAX_12)
+        bits = _to_bits(torque_nm, ranges.torque_nm, _MAX_12)
         frame = CanFrame(motor_id, (_ONLY_TORQUE | bits).to_bytes(8, "big"))
-        return frame, from_bits(bits, ranges.torque_nm, _MAX_12)
+        return frame, _from_bits(bits, ranges.torque_nm, _MAX_12)
 
     def answering_motor(self, frame: CanFrame) -> int | None:
         """Return the id of the motor that will answer a frame with its state; None if none will.
@@ -204,9 +189,9 @@ class MitFrames:
             error, enabled = (status if status > 1 else 0), status == 1
         return MitState(
             motor_id=motor_id,
-            position_rad=from_bits(position, ranges.position_rad, MAX_16),
-            velocity_rad_s=from_bits(velocity, ranges.velocity_rad_s, _MAX_12),
-            torque_nm=from_bits(torque, ranges.torque_nm, _MAX_12),
+            position_rad=_from_bits(position, ranges.position_rad, MAX_16),
+            velocity_rad_s=_from_bits(velocity, ranges.velocity_rad_s, _MAX_12),
+            torque_nm=_from_bits(torque, ranges.torque_nm, _MAX_12),
             at_range_end=position in (0, MAX_16) or velocity in (0, _MAX_12),
             error=error,
             enabled=enabled,
@@ -310,10 +295,10 @@ class RobstrideFrames(MitFrames):
         return self._frame(kind, self.host_id, motor_id, data)
 
     def torque(self, motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[CanFrame, float]:
-        bits = to_bits(torque_nm, ranges.torque_nm, MAX_16)
+        bits = _to_bits(torque_nm, ranges.torque_nm, MAX_16)
         return (
             self._frame(_CONTROL, bits, motor_id, _ONLY_TORQUE_DATA),
-            from_bits(bits, ranges.torque_nm, MAX_16),
+            _from_bits(bits, ranges.torque_nm, MAX_16),
         )
 
     def answering_motor(self, frame: CanFrame) -> int | None:
@@ -332,9 +317,9 @@ class RobstrideFrames(MitFrames):
         position, velocity, torque, _ = _FOUR_WORDS.unpack(frame.data)
         return MitState(
             motor_id=frame.can_id >> 8 & 0xFF,
-            position_rad=from_bits(position, ranges.position_rad, MAX_16),
-            velocity_rad_s=from_bits(velocity, ranges.velocity_rad_s, MAX_16),
-            torque_nm=from_bits(torque, ranges.torque_nm, MAX_16),
+            position_rad=_from_bits(position, ranges.position_rad, MAX_16),
+            velocity_rad_s=_from_bits(velocity, ranges.velocity_rad_s, MAX_16),
+            torque_nm=_from_bits(torque, ranges.torque_nm, MAX_16),
             at_range_end=position in (0, MAX_16) or velocity in (0, MAX_16),
             error=frame.can_id >> 16 & 0x3F,
             enabled=mode == _RUNNING,

@@ -37,22 +37,18 @@ _LONGEST_GAP_US: Final = 1_000_000
 _TIMES: Final = 1 << 32
 
 
-def communication_setup(baud_rate: int) -> bytes:
-    """Make the command for calibrated values without temperature compensation, in binary frames.
+def setup_commands(baud_rate: int, rate_hz: int) -> tuple[bytes, ...]:
+    """Make the commands from configuration to run: calibrated values in binary frames, plain filter.
+
+    Values have no temperature compensation; chopping, fast mode and FIR filter are off.
 
     Args:
         baud_rate: of the line [bit/s].
+        rate_hz: sample rate, which sets the length of the filter [Hz].
     """
-    return f"c,0,1,0,{BAUD_RATE_CODES[baud_rate]}".encode()
-
-
-def filter_setup(rate_hz: int) -> bytes:
-    """Return the command that sets the filter for a sample rate; chopping, fast mode and FIR filter are off.
-
-    Args:
-        rate_hz: sample rate [Hz].
-    """
-    return f"f,{_CONVERSIONS_HZ // rate_hz},0,0,1".encode()
+    communication = f"c,0,1,0,{BAUD_RATE_CODES[baud_rate]}"
+    filtering = f"f,{_CONVERSIONS_HZ // rate_hz},0,0,1"
+    return CONFIGURE, communication.encode(), filtering.encode(), RUN
 
 
 def find_answer_code(command: bytes, received: bytes | bytearray) -> int | None:
@@ -194,7 +190,7 @@ class Bota(SerialForceSensor, Examinable):
             needed = settings.rate_hz * FRAME_SIZE * _BITS
             valid = ", ".join(str(rate) for rate in BAUD_RATE_CODES if rate >= needed)
             raise self._error(f"{baud_rate} bit/s cannot carry {settings.rate_hz} samples/s. Valid: {valid}")
-        for command in (CONFIGURE, communication_setup(baud_rate), filter_setup(settings.rate_hz), RUN):
+        for command in setup_commands(baud_rate, settings.rate_hz):
             self._command(command)
         self._identified = (
             f"Bota, {settings.rate_hz} samples/s, {settings.axis} axis, {settings.capacity_n:.4g} N "

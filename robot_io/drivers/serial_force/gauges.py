@@ -282,7 +282,7 @@ class Mark10Stream(LineStream):
 
     def _in_unit(self, line: str) -> tuple[str, float]:
         if error := _ERROR.fullmatch(line):
-            self.fault_text = f"the gauge says '{error_name(int(error[1]))}'"
+            self.fault_text = f"the gauge says '{_error_name(int(error[1]))}'"
         number, unit = parse_reading(line)
         if unit != self._unit:
             self._new_unit_count = self._new_unit_count + 1 if unit == self._new_unit else 1
@@ -294,12 +294,7 @@ class Mark10Stream(LineStream):
         return number, self._newtons
 
 
-def error_name(code: int) -> str:
-    """Name an error code.
-
-    Args:
-        code: number after the star.
-    """
+def _error_name(code: int) -> str:
     return f"*{code} {ERRORS.get(code, 'unknown error')}"
 
 
@@ -344,6 +339,6 @@ class Mark10(SerialForceSensor, Examinable):
         if answer is None:
             raise self._error(f"no gauge gives {what}; check port and baud rate")
         if error := _ERROR.fullmatch(answer):
-            problem = error_name(int(error[1]))
+            problem = _error_name(int(error[1]))
             raise self._error(f"the gauge answers '{problem}' to a request for {what}")
         return answer

@@ -54,15 +54,6 @@ class Telegram:
     parameters: bytes = b""  # up to 255 bytes
 
 
-@dataclass(frozen=True, slots=True)
-class SensorHeader:
-    """Identity that the sensor reports (block "rotor header")."""
-
-    dimension_code: int  # code of the unit
-    load_code: int  # code of the nominal load of channel A
-    serial_number: int  # of the sensor
-
-
 def checksums(content: bytes) -> tuple[int, int]:
     """Compute checksum and weighted checksum of a telegram's content, each from 0 to 255.
 
@@ -134,8 +125,12 @@ class TelegramReader:
         return len(self._content) >= _HEADER and len(self._content) == _HEADER + self._content[3] + 2
 
 
-def decode_header_block(parameters: Sequence[int]) -> SensorHeader:
-    """Decode the block "rotor header" of READ_CONFIG; raise `ProtocolError` for another or damaged block."""
+def decode_header_block(parameters: Sequence[int]) -> tuple[int, int, int]:
+    """Decode the block "rotor header" of READ_CONFIG; raise `ProtocolError` for another or damaged block.
+
+    Returns:
+        Codes of the unit and of the nominal load of channel A, and the serial number.
+    """
     if (
         len(parameters) != _BLOCK + 1
         or parameters[0] != ROTOR_HEADER_BLOCK
@@ -151,11 +146,7 @@ def decode_header_block(parameters: Sequence[int]) -> SensorHeader:
     block_checksums = plain.to_bytes(2, "big") + weighted.to_bytes(2, "big")
     if block_checksums != block[28:]:
         raise ProtocolError("configuration block 'rotor header': wrong checksum")
-    return SensorHeader(
-        dimension_code=block[8],
-        load_code=int.from_bytes(block[10:12], "big"),
-        serial_number=int.from_bytes(block[4:8], "big"),
-    )
+    return block[8], int.from_bytes(block[10:12], "big"), int.from_bytes(block[4:8], "big")
 
 
 _SYNC_SAMPLES = 5  # consecutive counters before a stream is accepted
@@ -285,17 +276,16 @@ class Lorenz(SerialForceSensor, Examinable):
             self._ask(LorenzCommand.HELLO)
         answer = self._ask(LorenzCommand.READ_CONFIG, bytes((ROTOR_HEADER_BLOCK,)))
         try:
-            header = decode_header_block(answer.parameters)
+            *codes, serial_number = decode_header_block(answer.parameters)
         except ProtocolError as error:
             raise self._error(str(error)) from error
-        if (header.dimension_code, header.load_code) != (settings.dimension_code, settings.load_code):
+        if codes != [settings.dimension_code, settings.load_code]:
             raise self._error(
-                f"sensor {header.serial_number} has dimension_code "
-                f"{header.dimension_code} and load_code {header.load_code}, but the robot file states "
-                f"{settings.dimension_code} and {settings.load_code}"
+                f"sensor {serial_number} has dimension_code {codes[0]} and load_code {codes[1]}, but the "
+                f"robot file states {settings.dimension_code} and {settings.load_code}"
             )
         self._identified = (
-            f"serial number {header.serial_number}, {settings.nominal_n:.4g} N, {settings.rate_hz} samples/s"
+            f"serial number {serial_number}, {settings.nominal_n:.4g} N, {settings.rate_hz} samples/s"
         )
         # The request for an endless stream of channel A.
         parameters = bytes((STREAM_MODE, SAMPLE_RATE_CODES[settings.rate_hz], 0, 0, ord("A")))

@@ -145,11 +145,8 @@ class MicrocontrollerCell(SerialForceSensor, Examinable):
     def configure(self) -> None:
         """Identify the cell and listen; raise `DeviceError` on silence or another protocol or rate."""
         settings = self._settings
-        for _ in range(_QUESTIONS):
-            words = self._ask_line(WHO, _identity, _ANSWER_S)
-            if words is not None:
-                break
-        else:
+        answers = (self._ask_line(WHO, _identity, _ANSWER_S) for _ in range(_QUESTIONS))
+        if (words := next(filter(None, answers), None)) is None:
             raise self._error("no cell answers; check port, baud rate and firmware")
         version, chip, rate = words
         if version != VERSION:

@@ -2,7 +2,7 @@
 
 import struct
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
 from math import exp, isnan, pi
@@ -60,7 +60,7 @@ class ServoBus(JointBus, Examinable, Generic[FeedbackType]):
     _line: ServoLine
 
     @abstractmethod
-    def _examine_servo(self, servo_id: int, label: str) -> list[Finding]:
+    def _examine_servo(self, servo_id: int, label: str) -> Iterable[Finding]:
         """Read the identity of a servo; raise `DeviceError` if it no longer answers, or the port failed."""
 
     @abstractmethod

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, get_args
 
@@ -237,12 +237,7 @@ class PingResult(NamedTuple):
     damaged: tuple[int, ...]  # ids from which only damaged answers came
 
 
-def join_ids(ids: Iterable[int]) -> str:
-    """Join ids for a message, such as "1, 2, 3".
-
-    Args:
-        ids: ids of servos.
-    """
+def _join_ids(ids: Iterable[int]) -> str:
     return ", ".join(map(str, ids))
 
 
@@ -306,12 +301,12 @@ class ServoLine(ABC):
         answers, damaged = self.ping_each(self.registers)
         missing = [servo_id for servo_id in self.ids if not answers[servo_id]]
         if missing:
-            answering = join_ids(+answers) or "none"
+            answering = _join_ids(+answers) or "none"
             why = "check power, cable, id and baud rate"
             if damaged:
-                why = f"damaged answers from servo {join_ids(damaged)}: do two servos have this id?"
+                why = f"damaged answers from servo {_join_ids(damaged)}: do two servos have this id?"
             raise DeviceError(
-                f"no answer from servo {join_ids(missing)} at {self._settings.baud_rate} bit/s "
+                f"no answer from servo {_join_ids(missing)} at {self._settings.baud_rate} bit/s "
                 f"(answering: {answering}): {why}"
             )
         for servo_id in self.ids:
@@ -413,6 +408,5 @@ def _ids_answering_at(line: ServoLine, baud_rate: int) -> list[int]:
         line.port.open()
 
 
-def _describe_ids(ids: Iterable[int]) -> str:
-    known = list(ids)
-    return f"id{'s' if len(known) > 1 else ''} {join_ids(known)}"
+def _describe_ids(ids: Sequence[int]) -> str:
+    return f"id{'s' if len(ids) > 1 else ''} {_join_ids(ids)}"

