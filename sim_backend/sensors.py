@@ -74,24 +74,15 @@ class ArmSensorSettings(FileModel):
 _SAME_TIME_S = 1e-9  # physics times are multiples of the step; closer than this is the same instant
 
 
-class LowPass:
-    """First-order low-pass dy/dt = 2 pi f (u - y) of several signals at once.
-
-    Args:
-        bandwidth_hz: corner frequency f [Hz].
-        step_s: time between calls [s].
-    """
+class _LowPass:
+    """First-order low-pass dy/dt = 2 pi f (u - y) of several signals at once, called at each step."""
 
     def __init__(self, bandwidth_hz: float, step_s: float) -> None:
         self._gain = 1.0 - exp(-2.0 * pi * bandwidth_hz * step_s)
         self._output: list[float] | None = None
 
     def filter(self, signal: Sequence[float]) -> list[float]:
-        """Compute the output after one more step; the first call starts settled.
-
-        Args:
-            signal: input.
-        """
+        """Compute the output after one more step; the first call starts settled."""
         if self._output is None:
             self._output = list(signal)
         else:
@@ -133,7 +124,7 @@ class SampledSensor(ABC):
         delay_s: float,
         start_s: float,
         phase: float = 0.0,
-        low_pass: LowPass | None = None,
+        low_pass: _LowPass | None = None,
     ) -> None:
         self._period_s = 1.0 / rate_hz
         self._delay_s = delay_s
@@ -187,13 +178,8 @@ class SampledSensor(ABC):
 _BLOCK = 1024
 
 
-class GaussianNoise:
-    """An endless sequence of independent N(0, std^2) numbers, in the unit of the signal.
-
-    Args:
-        std: standard deviation.
-        generator: random numbers.
-    """
+class _GaussianNoise:
+    """An endless sequence of independent N(0, std^2) numbers, in the unit of the signal."""
 
     def __init__(self, std: float, generator: np.random.Generator) -> None:
         self._std = std
@@ -201,11 +187,7 @@ class GaussianNoise:
         self._block: list[float] = []
 
     def add_to(self, signal: Sequence[float]) -> Sequence[float]:
-        """Add the next numbers to a signal, and return it.
-
-        Args:
-            signal: clean signal.
-        """
+        """Return a signal with the next numbers added."""
         if not self._std:
             return signal
         if len(self._block) < len(signal):
@@ -250,9 +232,9 @@ class SimulatedEncoder(SampledSensor):
         self._count_rad = 2.0 * pi / settings.counts_per_revolution
         self._counts_per_rad = 1.0 / self._count_rad
         self._by_difference = settings.velocity.source == "difference"
-        self._noise = GaussianNoise(settings.velocity.noise_std_rad_s, generator)
+        self._noise = _GaussianNoise(settings.velocity.noise_std_rad_s, generator)
         sample_period_s = max(1.0 / settings.rate_hz, step_s)
-        self._velocity_low_pass = LowPass(settings.velocity.bandwidth_hz, sample_period_s)
+        self._velocity_low_pass = _LowPass(settings.velocity.bandwidth_hz, sample_period_s)
         self._effects = effects
         self._last_s, self._last_position = -inf, list[float]()
 
@@ -275,8 +257,10 @@ class SimulatedEncoder(SampledSensor):
 class _Amplifier:
     """Signal chain: hidden effects before the noise, noise, effects after it, converter's steps."""
 
-    def __init__(self, noise: GaussianNoise, effects: Sequence[SensorHook], resolution: float) -> None:
-        self._noise, self._resolution = noise, resolution
+    def __init__(
+        self, std: float, generator: np.random.Generator, effects: Sequence[SensorHook], resolution: float
+    ) -> None:
+        self._noise, self._resolution = _GaussianNoise(std, generator), resolution
         self._ahead = [effect for effect in effects if effect.ahead_of_noise]
         self._behind = [effect for effect in effects if not effect.ahead_of_noise]
 
@@ -302,8 +286,7 @@ class SimulatedTorqueSensor(SampledSensor):
         effects: Sequence[SensorHook] = (),
     ) -> None:
         super().__init__(settings.rate_hz, settings.delay_s, start_s, settings.phase)
-        noise = GaussianNoise(settings.noise_std_nm, generator)
-        self._amplifier = _Amplifier(noise, effects, settings.resolution_nm)
+        self._amplifier = _Amplifier(settings.noise_std_nm, generator, effects, settings.resolution_nm)
 
     def _measure(self, time_s: float, signal: Sequence[float]) -> SensorSample:
         return SensorSample(self._amplifier.output(time_s, signal), time_s)
@@ -320,11 +303,10 @@ class SimulatedForceSensor(SampledSensor):
         step_s: float,
         effects: Sequence[SensorHook] = (),
     ) -> None:
-        low_pass = LowPass(settings.bandwidth_hz, step_s) if settings.bandwidth_hz else None
+        low_pass = _LowPass(settings.bandwidth_hz, step_s) if settings.bandwidth_hz else None
         super().__init__(settings.rate_hz, settings.delay_s, start_s, low_pass=low_pass)
         self._range_n = settings.range_n
-        noise = GaussianNoise(settings.noise_std_n, generator)
-        self._amplifier = _Amplifier(noise, effects, settings.resolution_n)
+        self._amplifier = _Amplifier(settings.noise_std_n, generator, effects, settings.resolution_n)
 
     def _measure(self, time_s: float, signal: Sequence[float]) -> SensorSample:
         measured, range_n = self._amplifier.output(time_s, signal), self._range_n

@@ -1,8 +1,8 @@
 """Probing plan: targets, speeds, forces and repeats."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 from typing import Annotated, Literal
 
 import yaml
@@ -19,11 +19,10 @@ Vector = tuple[Number, Number, Number]
 
 @dataclass(frozen=True, slots=True)
 class ProbingRunSpec:
-    """One approach, loading, hold and retract: its number, target, repeat and speed [m/s]."""
+    """One approach, loading, hold and retract: its number, target and speed [m/s]."""
 
     run: int
     target: int
-    repeat: int
     speed_m_s: float
 
 
@@ -100,14 +99,10 @@ class ProbingPlan(FileModel):
         rounds = max(len(self.targets_world_m), 1) * self.repeats
         return rounds * (approach_s + len(self.speeds_m_s) * still_s)
 
-    def runs(self) -> Iterator[ProbingRunSpec]:
-        """Yield all runs in order: by target, then by repeat, then by speed."""
-        run = 0
-        for target in range(max(len(self.targets_world_m), 1)):
-            for repeat in range(self.repeats):
-                for speed_m_s in self.speeds_m_s:
-                    yield ProbingRunSpec(run, target, repeat, speed_m_s)
-                    run += 1
+    def runs(self) -> list[ProbingRunSpec]:
+        """List all runs in order: by target, then by repeat, then by speed."""
+        order = product(range(max(len(self.targets_world_m), 1)), range(self.repeats), self.speeds_m_s)
+        return [ProbingRunSpec(run, target, speed_m_s) for run, (target, _, speed_m_s) in enumerate(order)]
 
     def to_yaml(self) -> str:
         """Write the whole plan, defaults included, in the form that `load` reads."""

@@ -105,9 +105,7 @@ def probe_command(
     remark = f"emulated devices: {safe(describe_wires(robot_file))}" if options.wire else ""
     with probing_progress(plan, live=job.simulated, remark=remark) as watcher:
         outcome = run_probing(job, watcher)
-    console.present(
-        outcome.as_data(), lambda: _print(outcome, len(list(plan.runs()))), as_json=options.as_json
-    )
+    console.present(outcome.as_data(), lambda: _print(outcome, len(plan.runs())), as_json=options.as_json)
     outcome.raise_for_failure()
 
 

@@ -64,7 +64,7 @@ def probing_progress(plan: ProbingPlan, *, live: bool, remark: str = "") -> Iter
         live: whether to draw a moving bar; never with a real arm.
         remark: line to print first, once the arm is ready.
     """
-    runs = list(plan.runs())
+    runs = plan.runs()
     if not live:
         yield _Announcer(f"probing, {count(len(runs), 'run')}; Ctrl-C brings the arm to rest")
         return

@@ -215,7 +215,7 @@ def describe_motion(robot_file: RobotFile, plan: ProbingPlan) -> str:
     """Describe a probing motion, for the confirmation before a real arm gets power."""
     speeds = ", ".join(f"{1e3 * speed:g}" for speed in plan.speeds_m_s)
     return (
-        f"'{robot_file.name}' will move: {count(len(list(plan.runs())), 'run')} at {speeds} mm/s, "
+        f"'{robot_file.name}' will move: {count(len(plan.runs()), 'run')} at {speeds} mm/s, "
         f"pressing with {plan.force_limit_n:g} N; its guard stops it beyond {robot_file.limits.force_n:g} N."
     )
 

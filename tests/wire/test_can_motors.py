@@ -1,5 +1,7 @@
 """CAN motor drivers: conversions, and foreign, late and lost answers."""
 
+from copy import copy
+
 import numpy as np
 import pytest
 
@@ -153,32 +155,34 @@ def test_answers_from_before_a_wait_are_as_old_as_the_wait(make_robot, path):
     assert max(age_ms(arm.tick()) for _ in range(20)) < 2.1
 
 
+def add_twin(arm):
+    """A second motor with the id of the first, on joint 3."""
+    wire = arm.arm.wires["motors"]
+    twin = copy(wire._nodes[0])
+    twin._joint = 2
+    wire._nodes += (twin,)
+
+
 @ASKED
 @pytest.mark.parametrize("when", ["before", "after"])
 def test_two_motors_with_one_id_are_refused(make_robot, path, when):
     """The second stands elsewhere: the arm was armed with its position."""
     arm = make_robot(path)
-    wire = arm.arm.wires["motors"]
-    twin = type(wire._nodes[0]).__new__(type(wire._nodes[0]))
-    twin.__dict__ |= wire._nodes[0].__dict__ | {"_joint": 2}
     start = arm.robot.configure
     if when == "after":
         arm.robot.configure()
         start = arm.robot.activate
-    wire._nodes += (twin,)
+    add_twin(arm)
     with pytest.raises(DeviceError, match=r"joint 1 \(motor 1\): answers more often than .* asked: do two"):
         start()
-    assert not any(getattr(node, "enabled", False) for node in wire._nodes)
+    assert not any(getattr(node, "enabled", False) for node in arm.motors)
 
 
 @ASKED
 def test_duplicate_motor_id_during_a_run_is_a_fault(make_robot, path):
     arm = make_robot(path).start()
     before_rad = arm.tick().joint_position_rad
-    wire = arm.arm.wires["motors"]
-    twin = type(wire._nodes[0]).__new__(type(wire._nodes[0]))
-    twin.__dict__ |= wire._nodes[0].__dict__ | {"_joint": 2}
-    wire._nodes += (twin,)
+    add_twin(arm)
     for _ in range(10):
         assert arm.tick().joint_position_rad == pytest.approx(before_rad, abs=0.02)
     assert "joint 1 (motor 1): nothing valid" in arm.problem

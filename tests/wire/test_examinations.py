@@ -12,7 +12,6 @@ from palpate.robot_io.examination import Level
 from palpate.robot_io.robot import build_robot
 from palpate.robot_io.robot_file import parse_robot_file
 from palpate.sim_backend.emulators import dynamixel_servo as table
-from tests.robot_io.drivers.dynamixel_setup import dynamixel_setup
 from tests.wire.parts import CUBEMARS, DAMIAO, DYNAMIXEL, LINES, MOTEUS, ODRIVE, ROBSTRIDE, SO101
 
 LONG, SHORT = 111e-6, 79e-6  # CAN frames with 8 and 4 bytes of data at 1 Mbit/s, without stuffing
@@ -54,7 +53,18 @@ def test_healthy_devices_describe_themselves(make_robot, path, count, said, forc
 
 
 def put(address, value):
-    return lambda setup: setup.line.servos[2].memory.put(address, value)
+    return lambda arm: arm.servos[2].memory.put(address, value)
+
+
+def renumber(**ids):
+    """Other ids for the servos on joints, such as j2=9."""
+
+    def change(arm):
+        for joint, servo_id in ids.items():
+            servo = arm.servos.pop(int(joint[1:]))
+            servo.id, arm.servos[servo_id] = servo_id, servo
+
+    return change
 
 
 @pytest.mark.parametrize(
@@ -73,50 +83,52 @@ def put(address, value):
         (put(6, 38), Level.OK, "firmware 38", ""),
         (put(6, 37), Level.FAIL, "firmware 37, without a bus watchdog", "servo 2 has firmware 37"),
         (
-            *(lambda setup: setup.line.servos.pop(2), Level.FAIL, "does not answer"),
+            *(lambda arm: arm.servos.pop(2), Level.FAIL, "does not answer"),
             r"no answer from servo 2 at 4000000 bit/s \(answering: 1, 3\)",
         ),
     ],
 )
-def test_unhealthy_dynamixel_is_named(spoil, level, said, refused):
-    with dynamixel_setup() as setup:
-        spoil(setup)
-        with pytest.raises(DeviceError, match=refused) if refused else nullcontext():
-            setup.bus.configure()
-        found = setup.bus.examine()
-        mine = [one for one in found if one.subject == "servo 2 (joint 2)"]
-        assert any(said in one.text and one.level is level for one in mine), mine
-        assert {one.level for one in found if one not in mine} == {Level.OK}
-        assert all(bool(one.remedy) == (one.level is not Level.OK) for one in found)
+def test_unhealthy_dynamixel_is_named(make_robot, spoil, level, said, refused):
+    arm = make_robot(DYNAMIXEL)
+    spoil(arm)
+    motors = arm.robot.buses["motors"]
+    with pytest.raises(DeviceError, match=refused) if refused else nullcontext():
+        motors.configure()
+    found = motors.examine()
+    mine = [one for one in found if one.subject == "servo 2 (joint 2)"]
+    assert any(said in one.text and one.level is level for one in mine), mine
+    assert {one.level for one in found if one not in mine} == {Level.OK}
+    assert all(bool(one.remedy) == (one.level is not Level.OK) for one in found)
 
 
 @pytest.mark.parametrize(
-    ("bolted", "subject", "level", "said", "refused"),
+    ("spoil", "subject", "level", "said", "refused"),
     [
         (
-            {2: {"id": 9}},
+            renumber(j2=9),
             *("servo 2 (joint 2)", Level.FAIL, "but id 9, which the robot file"),
             "no answer from servo 2",
         ),
         (
-            {2: {"model": "XM430-W350"}},
+            lambda arm: vars(arm.servos[2]).update(_model=table.MODELS["XM430-W350"]),
             *("servo 2 (joint 2)", Level.FAIL, "XM430-W350, firmware 46, but the robot file states"),
             "servo 2 is a XM430-W350, but the robot file states XM540-W270",
         ),
-        ({2: {"id": 9}}, "other servos", Level.WARN, "id 9 also on the line", "no answer from servo 2"),
+        (renumber(j2=9), "other servos", Level.WARN, "id 9 also on the line", "no answer from servo 2"),
         (
-            {1: {"id": 7}, 2: {"id": 8}, 3: {"id": 9}},
+            renumber(j1=7, j2=8, j3=9),
             *("servos", Level.FAIL, "ids 1, 2, 3 silent; found on the line: ids 7, 8, 9", "no answer"),
         ),
     ],
 )
-def test_servos_with_other_ids_are_detected(bolted, subject, level, said, refused):
-    with dynamixel_setup(bolted=bolted) as setup:
-        with pytest.raises(DeviceError, match=refused):
-            setup.bus.configure()
-        assert any(
-            (one.subject, one.level) == (subject, level) and said in one.text for one in setup.bus.examine()
-        )
+def test_servos_with_other_ids_are_detected(make_robot, spoil, subject, level, said, refused):
+    arm = make_robot(DYNAMIXEL)
+    spoil(arm)
+    motors = arm.robot.buses["motors"]
+    with pytest.raises(DeviceError, match=refused):
+        motors.configure()
+    found = motors.examine()
+    assert any((one.subject, one.level) == (subject, level) and said in one.text for one in found)
 
 
 @pytest.mark.parametrize(
@@ -126,6 +138,10 @@ def test_servos_with_other_ids_are_detected(bolted, subject, level, said, refuse
         (ODRIVE, "node_id: 1", "zero_rad: 1e6, node_id: 1", r"zero_rad: give -25 to 25 rad \(is 1000000.0\)"),
         (ODRIVE, "channel: can0", "channel: ' '", "motors.channel: give the channel's name, such as can0"),
         (DYNAMIXEL, "zero_rad: 3.14159265", "zero_rad: -26", r"zero_rad: give -25 to 25 rad \(is -26"),
+        (DYNAMIXEL, "model: XM430-W350", "model: XM430-W999", "XM430-W350"),
+        (DYNAMIXEL, "id: 2, model", "id: 1, model", "twice"),
+        (DYNAMIXEL, "model: XM430-W350", "model: XL330-M288", "two buses"),
+        (DYNAMIXEL, "baud_rate: 4000000", "baud_rate: 1234", "57600"),
         (ODRIVE, 'firmware: "0.6"', 'firmware: "0.7"', "firmware"),
         (ODRIVE, 'firmware: "0.6"', 'firmware: "0.5"', "torque_constant_nm_a"),
         (ODRIVE, "      - {node_id: 2, gear_ratio: 9, max_torque_nm: 2.2}\n", "", "one per joint"),

@@ -82,7 +82,7 @@ def decode_line(line: bytes) -> "can.Message":
     )
 
 
-class SlcanBus:
+class _Slcan:
     """One slcan adapter, with the part of python-can's bus interface that is used here.
 
     The channel is its port, with its baud rate if need be: /dev/ttyACM0@3000000. A bit rate of None leaves
@@ -112,24 +112,11 @@ class SlcanBus:
             raise
 
     def send(self, message: "can.Message", timeout: float | None = None) -> None:
-        """Hand a frame to the adapter at once; raise `DeviceError` if the port failed, or its buffer is full.
-
-        Args:
-            message: the frame.
-            timeout: not used.
-        """
+        """Hand a frame to the adapter; raise `DeviceError` if the port failed, or its buffer is full."""
         self._write(encode_line(message))
 
     def recv(self, timeout: float | None = None) -> "can.Message | None":
-        """Return the next received frame; never waits.
-
-        Args:
-            timeout: not used.
-
-        Raises:
-            ValueError: the received bytes are not a frame.
-            DeviceError: the port has failed.
-        """
+        """Return the next received frame, never waiting; raise `ValueError` if the bytes are not a frame."""
         if not self._lines:
             received = self._unfinished + self._port.wait(0.0)  # detects a hang-up too
             *lines, self._unfinished = re.split(rb"[\r\a]", received)
@@ -241,7 +228,7 @@ class CanLine:
     def __init__(self, settings: CanLineSettings, clock: Clock) -> None:
         self._settings = settings
         self._clock = clock
-        self._bus: can.BusABC | SlcanBus | None = None
+        self._bus: can.BusABC | _Slcan | None = None
         self._lock: PortLock | None = None
         self.counts: Counter[str] = Counter()
         self.bus_off = False
@@ -262,7 +249,7 @@ class CanLine:
         lock = None if settings.interface == SLCAN else PortLock(settings.channel)
         try:
             if lock is None:
-                self._bus = SlcanBus(str(settings.channel), settings.bitrate, self._clock, **settings.options)
+                self._bus = _Slcan(str(settings.channel), settings.bitrate, self._clock, **settings.options)
             else:
                 self._bus = can.Bus(**settings.bus_arguments())
         except DeviceError as error:
@@ -366,7 +353,7 @@ class CanLine:
             self._drained_s = frames[-1][1]
         return frames
 
-    def _opened(self) -> "can.BusABC | SlcanBus":
+    def _opened(self) -> "can.BusABC | _Slcan":
         if self._bus is None:
             raise DeviceError(f"{self.label}: not open")
         return self._bus

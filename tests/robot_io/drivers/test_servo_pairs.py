@@ -18,7 +18,6 @@ from palpate.robot_io.robot_file import parse_robot_file
 from palpate.robot_io.types import Status
 from palpate.sim_backend.emulators import FaultKind
 from palpate.sim_backend.emulators import dynamixel_servo as table
-from tests.robot_io.drivers.dynamixel_setup import dynamixel_setup
 from tests.wire.parts import DYNAMIXEL, DYNAMIXEL_PAIR, FEETECH_PAIR, SO101
 
 FAMILIES = {"dynamixel": (DYNAMIXEL, DYNAMIXEL_PAIR, 4), "feetech": (SO101, FEETECH_PAIR, 7)}
@@ -184,17 +183,13 @@ def test_doctor_reports_the_zero_that_aligns_both_servos(make, family):
     assert float(slipped.remedy.rsplit(" ", 1)[1]) == pytest.approx(zero_rad - 0.1, abs=0.003)
 
 
-def test_wrong_direction_is_refused_at_the_first_reading():
-    servos = [
-        {"id": 1, "model": "XM540-W270", "second": {"id": 4, "reversed": True}},
-        {"id": 2, "model": "XM540-W270", "reversed": True},
-        {"id": 3, "model": "XM430-W350"},
-    ]
-    with dynamixel_setup(servos=servos, bolted={1: {"second": {"id": 4}}}) as setup:
-        setup.bus.configure()
-        with pytest.raises(DeviceError, match=r"servos 1 and 4 \(joint 1\) stand .* reversed wrong"):
-            setup.read()
-        assert setup.bus.sample is None
+def test_wrong_direction_is_refused_at_the_first_reading(make):
+    arm = make("dynamixel")
+    arm.servos[4]._direction *= -1
+    arm.robot.configure()
+    assert arm.tick(None).encoder_status is Status.FAULT
+    assert re.search(r"servos 1 and 4 \(joint 1\) stand .* reversed wrong", arm.problem)
+    assert arm.robot.buses["motors"].sample is None
 
 
 def test_second_servo_shares_the_torque_constant_and_counts_in_the_identity():
