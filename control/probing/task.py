@@ -128,10 +128,7 @@ class ProbingTask:
         )
 
     def start(self, measurement: Measurement) -> None:
-        """Begin from the measured posture, at rest and clear of everything.
-
-        Args:
-            measurement: state of the arm.
+        """See `Task.start`; the arm is at rest and clear of everything.
 
         Raises:
             InputError: a target cannot be probed from here or at the plan's speeds, or the force is too large
@@ -162,7 +159,7 @@ class ProbingTask:
         self._begin_route()
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """Compute one tick; see `palpate.control.loop.task.Task.step`.
+        """Compute one tick; see `Task.step`.
 
         Raises:
             SafetyTripError: force sensor and joint torques contradict each other, an obstacle blocks the way

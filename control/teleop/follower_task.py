@@ -156,22 +156,14 @@ class FollowerTask:
         self._events: list[TaskEvent] = []
 
     def start(self, measurement: Measurement) -> None:
-        """Hold the measured posture.
-
-        Args:
-            measurement: state of the arm.
-        """
+        """See `Task.start`; holds the measured posture."""
         still = np.zeros_like(measurement.joint_position_rad)
         self._posture = JointMotion(measurement.joint_position_rad.copy(), still, still)
         self._direction = np.array((0.0, 0.0, -1.0))
         self._hold.start(measurement)
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """Compute one tick; see `palpate.control.loop.task.Task.step`.
-
-        Raises:
-            Exception: any exception of a `ProbingTask`.
-        """
+        """See `Task.step`; raises what a `ProbingTask` raises."""
         self._events = []
         if self._queue.linked != self._linked:
             self._linked = self._queue.linked
