@@ -36,7 +36,7 @@ from palpate.estimation.effect import Effect
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_model import MeasurementModel
 from palpate.estimation.fit.measurement_noise import measurement_noise
-from palpate.estimation.fit.smoothing_bias import looks_like_smoothing
+from palpate.estimation.fit.smoothing_bias import is_below_cutoff, looks_like_smoothing
 from palpate.estimation.kinds import PHYSICAL_KINDS, SENSOR_KINDS, Kind
 from palpate.estimation.signals.motion import is_stepwise_command
 from palpate.robot_io.types import FloatArray
@@ -583,7 +583,7 @@ def _has_zero_size(reduced: FitResult, fit: FitResult, name: str) -> bool:
 
 
 def is_smoothing(reduced: FitResult, fit: FitResult) -> bool:
-    """Return whether effects change a joint's prediction as the smoothing of its motion does.
+    """Return whether effects of a joint explain mostly what the smoothing of its motion may cause.
 
     Args:
         reduced: the model without the effects.
@@ -591,9 +591,10 @@ def is_smoothing(reduced: FitResult, fit: FitResult) -> bool:
     """
     if fit.filters == ((), ()) or fit.data.kind is ChannelKind.CONTACT:
         return False
-    change = reduced.solution.residual - fit.solution.residual
-    effort = reduced.problem.blocked.effort - reduced.solution.residual
-    return looks_like_smoothing(reduced.problem, effort, change, fit.filters)
+    before, after, problem = reduced.solution.residual, fit.solution.residual, reduced.problem
+    if not is_below_cutoff(problem, before, after, fit.filters):
+        return True
+    return looks_like_smoothing(problem, problem.blocked.effort - before, before - after, fit.filters)
 
 
 def _is_rounding(search: Search, fit: FitResult, name: str) -> bool:

@@ -18,6 +18,8 @@ from palpate.robot_io.types import FloatArray, IntArray
 
 _MOST_TIMES = 3.0  # largest plausible multiple of the expected smoothing bias
 _MOST_UNLIKE = 0.2  # largest share of a change that smoothing cannot describe, if it may cause the change
+_PASSES = 4  # number of times that a residual is smoothed before its slow part remains
+_MOSTLY = 0.5  # share of the fall of the squared residual
 _POWERS = 3  # powers of the smoothing operator, a series that approximates its inverse
 # A half window [samples], and the order of the derivative for which it was used.
 DerivativeWindow = tuple[int, int]
@@ -77,6 +79,31 @@ def looks_like_smoothing(
     return bool(is_like) and _is_plausible_bias(bias, gains)
 
 
+def is_below_cutoff(
+    problem: FitProblem, before: FloatArray, after: FloatArray, filters: DifferentiationFilter
+) -> bool:
+    """Return whether a residual falls mostly at frequencies that the filters of the motion pass.
+
+    Above them, the smoothing of the motion may cause what an effect explains.
+
+    Args:
+        problem: data on m blocks.
+        before: residual of a model, shape (m,) [effort].
+        after: residual of a better model, shape (m,) [effort].
+        filters: the windows that derived velocity and acceleration.
+    """
+    blocked = problem.blocked
+    half, order = max((*filters[0], *filters[1]))
+    if round(half / blocked.rows.shape[1]) == 0:
+        return True
+    kernel = smoothing_kernel(half, order, blocked.rows.shape[1])
+    slow = [np.where(blocked.trusted, residual, 0.0) for residual in (before, after)]
+    fall = float(np.subtract(*(np.sum(residual**2) for residual in slow)))
+    for _ in range(_PASSES):
+        slow = [_convolve(residual, kernel, blocked.run) for residual in slow]
+    return float(np.subtract(*(np.sum(residual**2) for residual in slow))) > _MOSTLY * fall
+
+
 def smoothing_bias(blocked: BlockedData, effort: FloatArray, filters: DifferentiationFilter) -> FloatArray:
     """Compute columns (m, k) of the parts that smoothing removed from velocity, acceleration and effort.
 
@@ -132,8 +159,12 @@ def _smoothing_residues(signal: FloatArray, kernel: FloatArray, run: IntArray) -
     """Apply a kernel's high-pass complement to a signal (m,) repeatedly, (m, powers): van Cittert (1931)."""
     powers = [signal]
     for _ in range(_POWERS):
-        smooth = np.empty_like(signal)
-        for rows in equal_length_blocks(run):
-            smooth[rows] = scipy.ndimage.convolve1d(powers[-1][rows], kernel, axis=1, mode="nearest")
-        powers.append(powers[-1] - smooth)
+        powers.append(powers[-1] - _convolve(powers[-1], kernel, run))
     return np.column_stack(powers[1:])
+
+
+def _convolve(signal: FloatArray, kernel: FloatArray, run: IntArray) -> FloatArray:
+    smooth = np.empty_like(signal)
+    for rows in equal_length_blocks(run):
+        smooth[rows] = scipy.ndimage.convolve1d(signal[rows], kernel, axis=1, mode="nearest")
+    return smooth

@@ -433,9 +433,10 @@ def quick_turns(seed, friction_nm=0.0):
     return ChannelData("joint_1", ChannelKind.REVOLUTE, time_s, *motion, torque, run, np.full(len(q), -1))
 
 
-def test_smoothing_of_quick_turns_is_no_missing_effect():
+@pytest.mark.parametrize("seed", [2, 4])  # the second looks like a backlash
+def test_smoothing_of_quick_turns_is_no_missing_effect(seed):
     """A window of derivatives holds a fourth of a turn, and removes more than the noise from its torque."""
-    diagnosis = diagnose(quick_turns(2), SWING, rng=np.random.default_rng(0)).channels[0]
+    diagnosis = diagnose(quick_turns(seed), SWING, rng=np.random.default_rng(0)).channels[0]
     assert diagnosis.verdict is Verdict.ADEQUATE
     assert "smoothing of the motion, up to 0.0" in diagnosis.reason
     assert diagnosis.final.rmse > 0.03  # where the noise is 0.01 N m

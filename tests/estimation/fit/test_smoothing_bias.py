@@ -10,6 +10,7 @@ from palpate.estimation.fit.flexible_regression import fit_flexible
 from palpate.estimation.fit.smoothing_bias import (
     _is_plausible_bias,
     fit_smoothing_bias,
+    is_below_cutoff,
     looks_like_smoothing,
     smoothing_kernel,
 )
@@ -71,6 +72,19 @@ def test_smoothing_is_told_from_friction_and_springs(change, looks):
     blocked = fit.problem.blocked
     effort, changed = blocked.effort - fit.solution.residual, blocked.reduce(change(true, derived))
     assert looks_like_smoothing(fit.problem, effort, changed, windows(25)) is looks
+
+
+@pytest.mark.parametrize(
+    ("cycles_hz", "is_slow"),
+    [(0.5, True), (1.0, True), (4.0, False)],  # the window of 0.2 s halves an acceleration at 4.7 Hz
+)
+def test_fall_of_a_residual_is_told_by_its_frequency(cycles_hz, is_slow):
+    data = smoothed(swings(6), 25)
+    problem = fit_model(data, SWING, {}, within(data, 25)).problem
+    wave = problem.blocked.reduce(np.sin(2.0 * np.pi * cycles_hz * data.time_s))
+    noise = np.random.default_rng(0).normal(0.0, 0.1, len(wave))
+    assert is_below_cutoff(problem, wave + noise, noise, windows(25)) is is_slow
+    assert is_below_cutoff(problem, wave + noise, noise, windows(1))  # the blocks are longer
 
 
 @pytest.mark.parametrize(("block", "least", "length"), [(1, 0.01, 43), (4, 0.05, 13)])
