@@ -64,7 +64,7 @@ def merge_command(
         seed=first.seed if all(item.seed == first.seed for item in every) else None,
         command_line=as_command(sys.argv[1:]),
         software_version=version("palpate"),
-        extra=shared | {SOURCE: f"merged from {named}"},
+        extra=shared | {SOURCE: f"{_MERGED}{named}"},
     )
     write_session(file, streams, metadata, [event for session in opened for event in session.events])
     samples = {stream.name: len(columns["time_s"]) for stream, columns in streams}
@@ -92,6 +92,8 @@ def reveal_command(
 ) -> None:
     """Reveal which effects were hidden in a session, where, and how strong they are."""
     sealed = open_session(session)
+    if (source := sealed.metadata.extra.get(SOURCE, "")).startswith(_MERGED):
+        raise InputError(f"{session}: is {source}; reveal each of these sessions")
     answer = SealedAnswer((), None, sealed.metadata.created_utc)
     if SEAL in sealed.metadata.extra or sealed_path(sealed.path).exists():
         answer = open_answer(sealed)
@@ -128,6 +130,7 @@ def reveal_command(
 
 
 RUN = "run"
+_MERGED = "merged from "  # begins the source of a merged session, before the names of its parts
 _TO_MILLI = 1e3
 _BEGUN = 0.05  # share of the force reached in every run, above which the object counts as touched
 _APART, _SPREADS = 0.05, 3.0  # share of the deepest indentation, and multiple of the spread between runs

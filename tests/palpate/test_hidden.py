@@ -122,6 +122,13 @@ def test_session_without_hidden_effects_has_no_sealed_answer(probed):
     assert as_json("reveal", probed[0])["hidden"] == []
 
 
+def test_merged_session_names_the_sessions_to_reveal(mystery, tmp_path):
+    plain, both = tmp_path / "plain.mcap", tmp_path / "both.mcap"
+    done("probe", "--seed", 9, "-o", plain, *SHORT)
+    done("merge", mystery, plain, "-o", both)
+    assert_refused(run("reveal", both), "merged from mystery.mcap, plain.mcap; reveal each of these")
+
+
 def test_missing_or_foreign_answer_is_refused(mystery, tmp_path):
     """Two programs that probe at once to one name leave one whose time agrees, and its mark does not."""
     path = tmp_path / "a.mcap"
