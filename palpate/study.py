@@ -358,6 +358,12 @@ class Study(ModelStudy):
             chosen = list(self._newest_revisions(self.channels, refuse_others=True).values())
         for revision in chosen:
             self.check(revision)
+            if self.channel_of(revision).kind is ChannelKind.PRISMATIC:
+                raise InputError(
+                    f"{revision.channel}: is a linear axis, and the joints of the simulated arm turn; name "
+                    "other revisions with --revision, or export it with --format feedforward, mjcf, urdf, "
+                    "isaaclab or bam"
+                )
         contacts = [channel for channel in self.source.channels if channel.kind is ChannelKind.CONTACT]
         if len(contacts) == 1 and not any(item.channel == contacts[0].name for item in chosen):
             base = self.channel(contacts[0].name)
@@ -387,6 +393,8 @@ class Study(ModelStudy):
             f"{revision.channel} {' + '.join([revision.model, *revision.effects])}" for revision in revisions
         )
         description = f"as measured in {self.source.name}: {'; '.join(models)}"
+        if not any(each.is_contact for each in fitted):
+            description += "; the object was not measured"
         return export_scenario(self._base_world(), fitted, description)
 
     def _base_world(self) -> "Scenario":

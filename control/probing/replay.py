@@ -77,7 +77,11 @@ class ReplayTask:
         self._time_s = 0.0
 
     def start(self, measurement: Measurement) -> None:
-        """See `Task.start`; plans the move from the measured posture to the first reference."""
+        """Plan the move from the measured posture to the first reference.
+
+        Args:
+            measurement: state of the arm.
+        """
         self._torque.reset()
         begin_rad = self._references.position_rad[0]
         position_rad = measurement.joint_position_rad.copy()
@@ -85,7 +89,12 @@ class ReplayTask:
         self._time_s, self._tick = 0.0, 0
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """See `Task.step`; moves to the first reference, then follows the references at their times."""
+        """Move to the first reference, then follow the recorded references at their times.
+
+        Args:
+            measurement: state of the arm.
+            dt_s: time since the last tick [s].
+        """
         self._time_s += dt_s
         since_s = self._time_s - self._move_to_start.duration_s - _SETTLE_S
         if since_s < 0.0:

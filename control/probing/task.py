@@ -128,7 +128,10 @@ class ProbingTask:
         )
 
     def start(self, measurement: Measurement) -> None:
-        """See `Task.start`; the arm is at rest and clear of everything.
+        """Begin from the measured posture, at rest and clear of everything.
+
+        Args:
+            measurement: state of the arm.
 
         Raises:
             InputError: a target cannot be probed from here or at the plan's speeds, or the force is too large
@@ -159,7 +162,7 @@ class ProbingTask:
         self._begin_route()
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """Compute one tick; see `Task.step`.
+        """Compute one tick; see `palpate.control.loop.task.Task.step`.
 
         Raises:
             SafetyTripError: force sensor and joint torques contradict each other, an obstacle blocks the way

@@ -156,14 +156,22 @@ class FollowerTask:
         self._events: list[TaskEvent] = []
 
     def start(self, measurement: Measurement) -> None:
-        """See `Task.start`; holds the measured posture."""
+        """Hold the measured posture.
+
+        Args:
+            measurement: state of the arm.
+        """
         still = np.zeros_like(measurement.joint_position_rad)
         self._posture = JointMotion(measurement.joint_position_rad.copy(), still, still)
         self._direction = np.array((0.0, 0.0, -1.0))
         self._hold.start(measurement)
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """See `Task.step`; raises what a `ProbingTask` raises."""
+        """Compute one tick; see `palpate.control.loop.task.Task.step`.
+
+        Raises:
+            Exception: any exception of a `ProbingTask`.
+        """
         self._events = []
         if self._queue.linked != self._linked:
             self._linked = self._queue.linked

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from palpate.control.loop.tick_record import STREAM_NAME
 from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.contact import SURFACE_COLUMN, with_surface
 from palpate.estimation.data.import_file import ImportedData, with_arm
 from palpate.estimation.data.tick_channels import checked_ticks, contact_channels, join_ticks, joint_channels
 from palpate.estimation.data.units import MIN_INCREASE_S, describe_fault, invalid_rows
@@ -58,6 +59,9 @@ def import_streams(imported: ImportedData) -> list[tuple[Stream, Mapping[str, Ar
         if channel.touching is not None:
             touching = Column(_TOUCHING, "1", 1, "1 where the object pulls as well as pushes", "int32")
             columns.append((touching, channel.touching.astype(np.int32)))
+        if channel.surface is not None:
+            surface = Column(SURFACE_COLUMN, "m", 1, "estimated surface, from which displacement_m counts")
+            columns.append((surface, np.full(len(channel), channel.surface.position_m)))
         for name in sorted(channel.recorded):
             columns.append((Column(_CONTEXT + name, "1", 1, "as in the data file"), channel.context[name]))
         stream = Stream(channel.name, tuple(column for column, _ in columns))
@@ -105,7 +109,11 @@ def _imported_channel(name: str, samples: Samples) -> ChannelData:
     motion, phase = (samples["time_s"], position, velocity, acceleration), samples["phase"].astype(np.int64)
     touching = samples[_TOUCHING] != 0 if _TOUCHING in samples else None
     data = ChannelData(name, kinds[0], *motion, effort, samples["run"], phase, context, touching=touching)
-    return replace(data, recorded=frozenset(context))
+    data = replace(data, recorded=frozenset(context))
+    if SURFACE_COLUMN not in samples:
+        return data
+    _check(name, samples, (SURFACE_COLUMN,))
+    return with_surface(data, float(samples[SURFACE_COLUMN][0]))
 
 
 def _check(name: str, samples: Samples, columns: tuple[str, ...]) -> None:

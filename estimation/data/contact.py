@@ -1,19 +1,20 @@
 """Find the samples of each run in contact, and estimate the position of the surface."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from palpate.control.laws.touch import touch_force_n
 from palpate.control.loop.task import Phase
-from palpate.estimation.channel import MIN_STEPS, Surface, Tare
+from palpate.estimation.channel import MIN_STEPS, ChannelData, Surface, Tare
 from palpate.estimation.signals.blocks import block_index
 from palpate.estimation.statistics.least_squares import solve
 from palpate.estimation.statistics.noise import sum_covariance
 from palpate.estimation.statistics.uncertainty import common_error_covariance, sandwich
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
+SURFACE_COLUMN = "surface_m"  # column of stored channels, see `with_surface`
 _MIN_SAMPLES = 3  # least number of consecutive samples of a contact
 _FREE_PHASES = (Phase.FREE_AIR, Phase.APPROACH)  # the first of these phases in a run determines its noise
 
@@ -155,3 +156,31 @@ def tare_of(contacts: Sequence[Contact]) -> Tare:
         np.array([contact.baseline_n for contact in contacts]),
         np.array([contact.baseline_std_err_n for contact in contacts]),
     )
+
+
+def with_surface(data: ChannelData, position_m: float) -> ChannelData:
+    """Restore the surface of a stored contact, whose uncertainty follows from its samples.
+
+    Args:
+        data: contact of a probing session, with position from the estimated surface and untared force.
+        position_m: coordinate of that surface along the press direction [m].
+    """
+    contacts = find_contacts(data.effort, data.run, data.phase)
+    if not any(len(contact.rows) for contact in contacts):
+        return data
+    above_n, step_m = data.effort - tare_of(contacts).of(data.run), data.position_step
+    found = find_surface(data.position, data.velocity, above_n, data.run, contacts, step_m)
+    bounds = position_m + found.highest_m, position_m + found.deepest_m
+    return replace(data, surface=Surface(position_m, found.std_err_m, *bounds))
+
+
+def tared(data: ChannelData) -> ChannelData:
+    """Subtract the force in free air from that of a contact with an estimated surface.
+
+    Args:
+        data: the channel; any other is returned unchanged.
+    """
+    if data.surface is None or data.tare is not None:
+        return data
+    tare = tare_of(find_contacts(data.effort, data.run, data.phase))
+    return replace(data, effort=data.effort - tare.of(data.run), tare=tare)

@@ -13,6 +13,7 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.assign_columns import ColumnAssignment, assign_columns, in_blocks
 from palpate.estimation.data.channel_sources import ChannelSource, channel_sources, check_options_are_used
 from palpate.estimation.data.column_names import TIME, Key, quantity_in, unit_in_name, words_of
+from palpate.estimation.data.contact import SURFACE_COLUMN, with_surface
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.import_options import NO_OPTIONS, ImportOptions
@@ -312,9 +313,13 @@ def _make_channel(
     motion = rows.time_s, position, velocity, acceleration
     keys = (TIME, source.position, source.effort)
     units = {key[0]: columns.assigned[key].unit for key in keys if key in columns}
-    return ChannelData(
+    data = ChannelData(
         source.name, source.kind, *motion, effort, rows.run, phase, touching=both_ways, units=units
     )
+    if is_contact and SURFACE_COLUMN in columns.table.names and (rows.phase != UNKNOWN_PHASE).all():
+        surface_m = float(columns.table.numbers(SURFACE_COLUMN)[rows.order[0]])
+        return with_surface(data, surface_m) if np.isfinite(surface_m) else data
+    return data
 
 
 def _continuous_angle(

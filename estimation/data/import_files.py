@@ -179,6 +179,7 @@ def joined_channels(parts: Sequence[ChannelData]) -> ChannelData:
         run=np.concatenate(runs),
         context={name: np.concatenate([part.context[name] for part in parts]) for name in names},
         recorded=frozenset(first.recorded & set(names)),
+        surface=first.surface if all(part.surface for part in parts) else None,
         position_step=max(part.position_step for part in parts),
         units={n: unit for n, unit in first.units.items() if all(p.units.get(n) == unit for p in parts)},
         touching=None if all(part.touching is None for part in parts) else np.concatenate(touching),

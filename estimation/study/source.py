@@ -18,6 +18,7 @@ from palpate.estimation.base_model import NO_ARM, Arm
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.array_files import arrow_table
 from palpate.estimation.data.column_names import RUN
+from palpate.estimation.data.contact import tared
 from palpate.estimation.data.file_columns import FileColumns, is_session, pa
 from palpate.estimation.data.import_file import ImportedData, import_file, import_table
 from palpate.estimation.data.import_files import data_files, import_files, joined_channels
@@ -93,14 +94,14 @@ class DataSource:
             names: names of the channels.
         """
         if self.session is None:
-            return tuple(channel for channel in self.channels if channel.name in names)
+            return tuple(tared(channel) for channel in self.channels if channel.name in names)
         from palpate.estimation.data.channels import session_channels  # noqa: PLC0415, needs the MCAP library
         from palpate.estimation.study.sessions import with_ticks  # noqa: PLC0415, the same
 
         joints = any(name.startswith("joint_") for name in names)
-        tared = session_channels(*map(with_ticks, (self.session, *self.more)), tared=True, joints=joints)
-        chosen = (channel.of_runs(np.array(self.runs)) for channel in tared if channel.name in names)
-        return tuple(channel for channel in chosen if len(channel))
+        every = session_channels(*map(with_ticks, (self.session, *self.more)), tared=True, joints=joints)
+        chosen = (channel.of_runs(np.array(self.runs)) for channel in every if channel.name in names)
+        return tuple(tared(channel) for channel in chosen if len(channel))
 
 
 def open_source(data: Any, options: ImportOptions = NO_OPTIONS, arm: Arm | None = None) -> DataSource:  # noqa: ANN401

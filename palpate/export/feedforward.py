@@ -41,6 +41,11 @@ class JointTerms:
 # Where each parameter of a fitted effect goes.
 _FIELDS: Mapping[str, Mapping[str, str]] = {
     "armature": {"inertia": "inertia"},
+    "asymmetric_friction": {  # means of both directions
+        "dry": "coulomb_level",
+        "viscous": "viscous",
+        "transition": "coulomb_transition",
+    },
     "coulomb_friction": {"force": "coulomb_level", "transition": "coulomb_transition"},
     "gravity_tilt": {"tilt": "gravity_cosine"},  # of a pendulum; the tilt of a whole arm is in rad
     "inertia": {"m": "inertia"},
@@ -64,6 +69,7 @@ _REASONS = {
     "torque_gain": "is a scale error of the torque reading: for a drive whose commands have the same scale, "
     "multiply the table by this gain",
 }
+SYMMETRIC = "friction is the same in both directions: their mean is exported"
 _OF_READING = {Kind.SENSOR_DYNAMICS, Kind.SENSOR_STATICS, Kind.DRIFT}
 
 
@@ -179,22 +185,38 @@ def make_feedforward(joints: Sequence[FittedJoint]) -> Feedforward:
             if fields is None or (effect == "gravity_tilt" and units == {"rad"}):
                 left_out.append(f"{joint.name}: '{effect}' {reason_left_out(effect, _REASONS, 'table')}")
                 continue
-            for own, parameter in parameters.items():
-                if fields[own].endswith(("transition", "speed")):
-                    values[fields[own]] = float(parameter.value)
+            numbers = {own: float(parameter.value) for own, parameter in parameters.items()}
+            if effect == "asymmetric_friction":
+                numbers["dry"], numbers["viscous"] = mean_of_directions(numbers)
+                left_out.append(f"{joint.name}: '{effect}': {SYMMETRIC}")
+            for own in fields.keys() & numbers.keys():
+                if own in {"transition", "speed"}:
+                    values[fields[own]] = numbers[own]
                 else:
-                    values[fields[own]] += float(parameter.value)
-                    low, high = parameter.interval
-                    if not (isfinite(low) and isfinite(high)) or low <= 0.0 <= high:
-                        value = with_unit(parameter.value, parameter.unit)
-                        left_out.append(
-                            f"{joint.name}: {effect}.{own} {value} is exported, but its interval includes "
-                            "zero"
-                        )
+                    values[fields[own]] += numbers[own]
+            for own, parameter in parameters.items():
+                low, high = parameter.interval
+                is_known = isfinite(low) and isfinite(high)
+                if own not in {"transition", "speed"} and not (is_known and (low > 0.0 or high < 0.0)):
+                    value = with_unit(parameter.value, parameter.unit)
+                    doubt = "its interval includes zero" if is_known else "the data do not determine it alone"
+                    left_out.append(f"{joint.name}: {effect}.{own} {value} is exported, but {doubt}")
             listed = ", ".join(f"{own} {one.value:.5g} {one.unit}" for own, one in parameters.items())
             used.append(f"{joint.name}: {effect} {listed}")
         terms.append(JointTerms(**values))
     return Feedforward(tuple(ordered), tuple(terms), tuple(used), tuple(left_out))
+
+
+def mean_of_directions(friction: Mapping[str, float]) -> tuple[float, float]:
+    """Return dry and viscous part of `asymmetric_friction` for a format that has one of each.
+
+    Args:
+        friction: fitted parameters of the effect, by their own names.
+    """
+    return (
+        0.5 * (friction["forward"] + friction["backward"]),
+        0.5 * (friction["viscous_forward"] + friction["viscous_backward"]),
+    )
 
 
 def reason_left_out(effect: str, reasons: Mapping[str, str], target: str) -> str:

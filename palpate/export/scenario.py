@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from math import atan2, hypot
 
 from palpate.estimation.channel import Surface
+from palpate.export.feedforward import mean_of_directions
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import validate
 from palpate.sim_backend.imperfection import Imperfection, parse_imperfection
@@ -29,14 +30,8 @@ def _renamed(effect: str, **names: str) -> Term:
     return lambda p: [{"effect": effect} | {key: p[name] for key, name in names.items()}]
 
 
-def _viscous(p: Values) -> float:
-    return 0.5 * (p["viscous_forward"] + p["viscous_backward"])
-
-
 def _lost(effect: str, p: Values) -> Iterator[str]:
     """Describe what the simulator does differently for a fitted effect, in a sentence."""
-    if effect == "asymmetric_friction" and _viscous(p) < 0.0:
-        yield f"asymmetric_friction falling with speed ({_viscous(p):.3g} N m s/rad) is simulated as constant"
     if effect == "dry_friction" and p["presliding"] < SHORTEST_SLIP_M:
         yield (
             f"dry_friction changes sign over {SHORTEST_SLIP_M:.0e} m, the shortest simulated path: its "
@@ -70,10 +65,7 @@ CONTACT: Mapping[str, Term] = {
 
 JOINT: Mapping[str, Term] = {
     "armature": _renamed("armature", inertia_kg_m2="inertia"),
-    "asymmetric_friction": lambda p: [
-        {"effect": "asymmetric_friction", "positive_nm": p["forward"], "negative_nm": p["backward"]},
-        {"effect": "viscous_friction", "viscous_nms_rad": max(_viscous(p), 0.0)},
-    ],
+    "asymmetric_friction": _renamed("asymmetric_friction", positive_nm="forward", negative_nm="backward"),
     "backlash": _renamed("backlash", gap_rad="gap"),
     "coulomb_friction": _renamed("coulomb_friction", coulomb_nm="force"),
     "joint_elasticity": _renamed("joint_elasticity", compliance_rad_nm="compliance"),
@@ -178,6 +170,9 @@ def export_scenario(base: Scenario, fitted: Sequence[FittedChannel], description
         for name, value in channel.values.items():
             effect, _, own = name.partition(".")
             values_of[effect][own] = value
+        if "asymmetric_friction" in values_of:  # the simulator has one viscosity for both directions
+            _, viscous = mean_of_directions(values_of["asymmetric_friction"])
+            values_of["viscous_friction"]["d"] = values_of["viscous_friction"].get("d", 0.0) + viscous
         by_channel.append((channel, dict(values_of)))
     contacts = [fit.name for fit, effects in by_channel if fit.is_contact and "deadband" in effects]
     # effects of the whole arm, and the channel in which each was found first

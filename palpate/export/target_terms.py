@@ -6,7 +6,7 @@ from enum import StrEnum
 from math import isfinite
 
 from palpate.estimation.estimate import ParameterEstimate
-from palpate.export.feedforward import FittedJoint, reason_left_out
+from palpate.export.feedforward import SYMMETRIC, FittedJoint, mean_of_directions, reason_left_out
 
 
 class SimulatorFormat(StrEnum):
@@ -33,10 +33,6 @@ class TargetTerm:
 def _named(lost: str = "", **names: str) -> TargetTerm:
     """Make values from fitted parameters: target's name = fitted name."""
     return TargetTerm(lambda p: {key: p[name] for key, name in names.items()}, lost)
-
-
-def _mean(p: FitSummary, name: str = "") -> float:
-    return max(0.5 * (p[f"{name}forward"] + p[f"{name}backward"]), 0.0)
 
 
 _ONE_LEVEL = "dry friction has one level at all speeds: the rise at low speed is left out"
@@ -69,8 +65,11 @@ def _friction(dry: Sequence[str], viscous: str) -> dict[str, TargetTerm | str]:
 
     return {
         "asymmetric_friction": TargetTerm(
-            lambda p: {**dict.fromkeys(dry, _mean(p)), viscous: _mean(p, "viscous_")},
-            "friction is the same in both directions: their mean is exported",
+            lambda p: {
+                **dict.fromkeys(dry, mean_of_directions(p)[0]),
+                viscous: mean_of_directions(p)[1],
+            },
+            SYMMETRIC,
         ),
         "coulomb_friction": level("force"),
         "damping": _named(**{viscous: "c"}),
@@ -225,7 +224,10 @@ def express(
             for key, number in numbers.items():
                 if key not in OF_ARM:
                     before = own.get(key, TermValue(0.0, ()))
-                    own[key] = TermValue(before.number + number, before.fitted + fitted)
+                    total = before.number + number
+                    if effect == "asymmetric_friction":  # its viscous part alone may be negative
+                        total = max(total, 0.0)
+                    own[key] = TermValue(total, before.fitted + fitted)
                     continue
                 half = max(each.half_interval for each in parameters.values())
                 rank = half if isfinite(half) else float("inf")

@@ -92,7 +92,7 @@ _TABLE = (
 _READ_ONLY = {0, 1, 3, 4, *range(56, 71)}
 
 
-class _EmulatedSts(LineServo):
+class EmulatedSts(LineServo):
     """A servo that turns one joint of a plant, or only holds its position.
 
     Attributes:
@@ -119,12 +119,23 @@ class _EmulatedSts(LineServo):
         self._sample_position()
 
     def get(self, address: int, size: int = 2) -> int:
-        """Return a value of 1 or 2 bytes, without a sign."""
+        """Return a value of the memory, without a sign.
+
+        Args:
+            address: address of the first byte.
+            size: bytes, 1 or 2.
+        """
         low = self._memory[address]
         return low if size == 1 else low | self._memory[address + 1] << 8
 
     def put(self, address: int, value: int, size: int = 2) -> None:
-        """Set a value without a sign from inside the servo; nothing is checked."""
+        """Set a value from inside the servo; nothing is checked.
+
+        Args:
+            address: address of the first byte.
+            value: value without a sign.
+            size: bytes.
+        """
         self._memory[address : address + size] = value.to_bytes(size, "little")
 
     @property
@@ -136,11 +147,21 @@ class _EmulatedSts(LineServo):
         return 2e-6 * self.get(7, 1)
 
     def read(self, address: int, size: int) -> bytes:
-        """Answer a read."""
+        """Answer a read.
+
+        Args:
+            address: address of the first byte.
+            size: bytes.
+        """
         return bytes(self._memory[address : address + size])
 
     def write(self, address: int, data: bytes) -> None:
-        """Execute a write; registers that cannot be written are unchanged."""
+        """Execute a write; registers that cannot be written are unchanged.
+
+        Args:
+            address: address of the first byte.
+            data: bytes to write.
+        """
         was_on = self.get(40, 1)
         for place, byte in enumerate(data, address):
             if place < len(self._memory) and place not in _READ_ONLY:
@@ -217,14 +238,14 @@ _GOAL = 42
 _PING, _READ, _WRITE, _SYNC_READ, _SYNC_WRITE = 0x01, 0x02, 0x03, 0x82, 0x83
 
 
-class EmulatedFeetechLine(ServoWire[_EmulatedSts]):
+class EmulatedFeetechLine(ServoWire[EmulatedSts]):
     """Servos of one line, see `ServoWire`."""
 
     parser = FeetechParser
-    _servo = staticmethod(_EmulatedSts)
+    _servo = staticmethod(EmulatedSts)
     _status = staticmethod(status)
 
-    def _execute(self, instruction: ServoInstruction, servo: _EmulatedSts, now_s: float) -> ServoReply | None:
+    def _execute(self, instruction: ServoInstruction, servo: EmulatedSts, now_s: float) -> ServoReply | None:
         code, parameters = instruction.code, instruction.parameters
         if code == _READ and len(parameters) == 2:
             return ServoReply(servo, servo.read(*parameters))
@@ -236,7 +257,7 @@ class EmulatedFeetechLine(ServoWire[_EmulatedSts]):
         return None
 
     def _execute_broadcast(
-        self, instruction: ServoInstruction, awake: dict[int, _EmulatedSts], now_s: float
+        self, instruction: ServoInstruction, awake: dict[int, EmulatedSts], now_s: float
     ) -> None:
         code, parameters = instruction.code, instruction.parameters
         if code == _PING:

@@ -15,6 +15,7 @@ from palpate.runs.robots import emulate
 from palpate.sim_backend.imperfection import Imperfection
 from palpate.sim_backend.imperfections.joint import HiddenArmature
 from palpate.sim_backend.scenario import load_scenario
+from palpate.sim_backend.world import World
 from tests.contract.documented import documented_driver
 from tests.mock_robot import WATCHDOG_S, mock_bus, mock_robot_file
 from tests.wire.parts import (
@@ -31,7 +32,6 @@ from tests.wire.parts import (
     SO101,
     V0_5,
     EmulatedRobot,
-    press,
 )
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -106,6 +106,14 @@ def open_mock() -> RobotSetup:
     )
 
 
+def press(world: World, force_n: float) -> None:
+    """Hold the arm where it is, tool down, and bring the surface up to it."""
+    world.held = True
+    world.place(world.truth().joint_position_rad)
+    depth_m = force_n / world.object.law.stiffness_n_m if force_n else -0.05
+    world.object.move_surface(world.truth().tip_position_world_m[2] + depth_m)
+
+
 def open_simulation() -> RobotSetup:
     robot_file = load_robot_file(ROOT / "sim_backend" / "arms" / "follower" / "follower.yaml")
     clock = SimulatedClock()
@@ -122,8 +130,12 @@ def wired(
 ) -> RobotSetup:
     """Real drivers of a robot file that is shipped, changed, in lock-step with emulated devices."""
     made = EmulatedRobot(path, changes, hidden)
-    ends = made.arm.emulator.close
-    return RobotSetup(made.robot, made.arm.robot_file, made.clock, made.press, watchdog_s, ends)
+    return RobotSetup(
+        *(made.robot, made.arm.robot_file, made.clock),
+        lambda force_n: press(made.arm.plant.world, force_n),
+        watchdog_s,
+        made.arm.emulator.close,
+    )
 
 
 def odrive(*changes: tuple[str, str]) -> RobotSetup:

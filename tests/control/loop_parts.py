@@ -4,7 +4,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from palpate.control.loop.loop import run_loop
 from palpate.control.loop.task import Phase, TaskEvent, TaskOutput
 from palpate.control.loop.tick_record import tick_stream
 from palpate.robot_io.clock import Clock, SimulatedClock
@@ -78,12 +77,6 @@ class MemoryLog:
 
     def texts(self, kind: str) -> list[str]:
         return [text for _, event_kind, text in self.events if event_kind == kind]
-
-
-def run(arm: MockArm, task, log=None, *, rate_hz: float = RATE_HZ, **options):
-    """Run a task on the mock arm; its result and log."""
-    log = MemoryLog() if log is None else log
-    return run_loop(arm.robot, arm.guard, task, arm.clock, log, rate_hz=rate_hz, **options), log
 
 
 class SwingTask:

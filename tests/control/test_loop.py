@@ -8,6 +8,7 @@ import pytest
 
 import palpate.control.loop.loop
 from palpate.control.arm.rigid_body import TipMotion
+from palpate.control.loop.loop import run_loop
 from palpate.control.loop.result import LoopResult, Outcome
 from palpate.control.loop.task import Phase, TaskOutput, checked_output, make_output
 from palpate.control.loop.tick_record import STREAM_NAME, tick_stream
@@ -18,7 +19,12 @@ from palpate.robot_io.errors import DeviceTimeoutError, InputError, SafetyTripEr
 from palpate.robot_io.robot import RobotState
 from palpate.robot_io.session import Session, SessionMetadata, SessionWriter
 from palpate.robot_io.types import Command
-from tests.control.loop_parts import JOINTS, RATE_HZ, MockArm, SwingTask, run
+from tests.control.loop_parts import JOINTS, RATE_HZ, MemoryLog, MockArm, SwingTask
+
+
+def run(arm, task, log=None, **options):
+    log = MemoryLog() if log is None else log
+    return run_loop(arm.robot, arm.guard, task, arm.clock, log, rate_hz=RATE_HZ, **options), log
 
 
 def test_finished_task_is_recorded_tick_by_tick_and_ends_with_the_torque_off():
@@ -176,7 +182,7 @@ def test_sensor_without_samples_is_named_and_power_stays_off():
     arm = MockArm()
     arm.faults.silent.add("force")
     with pytest.raises(DeviceTimeoutError, match="no first samples within 1 s: force sensor: no sample yet"):
-        run(arm, SwingTask(), rate_hz=4.0)
+        run_loop(arm.robot, arm.guard, SwingTask(), arm.clock, MemoryLog(), rate_hz=4.0)
     assert arm.clock.now_s() == 1.0
     assert arm.sent_nm == []
 
@@ -233,13 +239,15 @@ def test_result_line_states_each_problem(trouble, words):
 
 @pytest.mark.parametrize("rate_hz", [0.0, -1.0, float("nan"), float("inf")])
 def test_invalid_rate_is_refused(rate_hz):
+    arm = MockArm()
     with pytest.raises(InputError, match="rate"):
-        run(MockArm(), SwingTask(), rate_hz=rate_hz)
+        run_loop(arm.robot, arm.guard, SwingTask(), arm.clock, MemoryLog(), rate_hz=rate_hz)
 
 
 def test_slow_rate_works_and_the_rate_limit_restarts_in_each_run():
-    result, _ = run(MockArm(), SwingTask(done_at=1), rate_hz=0.9)
-    assert result.ticks == 1
+    arm = MockArm()
+    log = MemoryLog()
+    assert run_loop(arm.robot, arm.guard, SwingTask(done_at=1), arm.clock, log, rate_hz=0.9).ticks == 1
     arm = MockArm()
     run(arm, SwingTask(done_at=10, torque_nm=5.0))
     first = len(arm.sent_nm)
@@ -250,8 +258,15 @@ def test_slow_rate_works_and_the_rate_limit_restarts_in_each_run():
 def test_run_is_read_back_with_units_and_events(tmp_path):
     arm, path = MockArm(), tmp_path / "run.mcap"
     with SessionWriter(path, [tick_stream(JOINTS)], SessionMetadata(), wait_for_room=True) as log:
-        observer = lambda measurement, _: (2.0 * measurement.time_s, 1.0, 0.5)  # noqa: E731
-        result, _ = run(arm, SwingTask(fail_at=400), log, observer=observer)
+        result = run_loop(
+            arm.robot,
+            arm.guard,
+            SwingTask(fail_at=400),
+            arm.clock,
+            log,
+            rate_hz=RATE_HZ,
+            observer=lambda measurement, output: (2.0 * measurement.time_s, 1.0, 0.5),
+        )
     session = Session.open(path)
     ticks = session.samples(STREAM_NAME)
     assert len(ticks) == result.ticks > 400

@@ -10,15 +10,21 @@ import numpy as np
 import pytest
 
 from palpate.control.loop import tick_record
+from palpate.control.loop.loop import run_loop
 from palpate.control.loop.result import Outcome
 from palpate.control.loop.stop_handler import InterruptFlag
 from palpate.control.loop.task import Phase
 from palpate.robot_io.clock import MonotonicClock
 from palpate.robot_io.errors import DeviceError, InputError, PalpateError, SafetyTripError
 from palpate.robot_io.types import Command
-from tests.control.loop_parts import AGE_LIMIT_S, RATE_HZ, STOP_TIME_S, MemoryLog, MockArm, SwingTask, run
+from tests.control.loop_parts import AGE_LIMIT_S, RATE_HZ, STOP_TIME_S, MemoryLog, MockArm, SwingTask
 
 PERIOD_S = 1.0 / RATE_HZ
+
+
+def run(arm, task, **options):
+    log = MemoryLog()
+    return run_loop(arm.robot, arm.guard, task, arm.clock, log, rate_hz=RATE_HZ, **options), log
 
 
 def stop_began_s(log) -> float:
@@ -169,19 +175,19 @@ def test_failing_observer_is_disabled_and_the_task_continues(observe, error):
 def test_failing_log_is_counted_and_does_not_stop_the_arm():
     arm, log = MockArm(), MemoryLog()
     log.error = OSError(28, "No space left on device")
-    result, _ = run(arm, SwingTask(done_at=50), log)
+    result = run_loop(arm.robot, arm.guard, SwingTask(done_at=50), arm.clock, log, rate_hz=RATE_HZ)
     assert (result.outcome, result.ticks, result.log_failures) == (Outcome.FINISHED, 50, 50)
     assert len(log.texts("log_failed")) == 1
     assert all("No space left" in said for said in (result.log_error, result.one_line()))
     arm, log = MockArm(), MemoryLog()
     log.append = log.event = raising(OSError("gone"))
-    result, _ = run(arm, SwingTask(done_at=50), log)
+    result = run_loop(arm.robot, arm.guard, SwingTask(done_at=50), arm.clock, log, rate_hz=RATE_HZ)
     assert (result.outcome, result.ticks) == (Outcome.FINISHED, 50)
     arm, log = MockArm(), MemoryLog()
     log.event = raising(OSError("gone"))
-    result, _ = run(arm, SwingTask(done_at=2), log)
+    result = run_loop(arm.robot, arm.guard, SwingTask(done_at=2), arm.clock, log, rate_hz=RATE_HZ)
     assert (result.log_failures, result.log_error) == (0, "")  # nothing has happened yet
-    result, _ = run(arm, SwingTask(done_at=50), log)
+    result = run_loop(arm.robot, arm.guard, SwingTask(done_at=50), arm.clock, log, rate_hz=RATE_HZ)
     assert result.log_failures == 2  # the touch, and that it was not logged
     assert result.log_error == "OSError: gone"
 
@@ -189,7 +195,7 @@ def test_failing_log_is_counted_and_does_not_stop_the_arm():
 def test_failed_disk_behind_the_log_is_in_the_result():
     arm, log = MockArm(), MemoryLog()
     log.failure, log.dropped = "the disk is full", 7
-    result, _ = run(arm, SwingTask(done_at=5), log)
+    result = run_loop(arm.robot, arm.guard, SwingTask(done_at=5), arm.clock, log, rate_hz=RATE_HZ)
     assert (result.log_error, result.dropped) == ("the disk is full", 7)
 
 

@@ -18,9 +18,10 @@ from palpate.robot_io.session import Event, Session, SessionMetadata, write_sess
 from palpate.sim_backend.imperfection import IMPERFECTIONS
 from palpate.sim_backend.scenario import Scenario, load_scenario
 from palpate.study import Study
+from tests.estimation.swings import swings
 from tests.palpate import synthetic
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
-from tests.palpate.presses import write_presses
+from tests.palpate.presses import write_presses, write_table
 from tests.palpate.sessions import EVENTS, synthetic_session
 
 pytestmark = pytest.mark.usefixtures("without_figures")
@@ -125,6 +126,34 @@ def test_unsupported_simulator_terms_are_reported():
 def test_wrong_motor_constant_is_inverted():
     (entry,) = export_scenario(Scenario(), [fitted("joint_1", 3, torque_gain__gain=0.8)], "x").scenario.hidden
     assert entry.gain == pytest.approx(1.25)
+
+
+@pytest.mark.parametrize("base", [0.2, 0.9, 0.0])
+def test_viscosity_of_joint_and_directions_is_one_effect(base):
+    """Data show only the sum of the viscosities, so a fit may split it in any way, with a negative part."""
+    directions = {f"asymmetric_friction__viscous_{way}": 0.5 - base for way in ("forward", "backward")}
+    levels = {"asymmetric_friction__forward": 0.6, "asymmetric_friction__backward": 0.4}
+    joint = fitted("joint_2", 3, viscous_friction__d=base, **levels, **directions)
+    export = export_scenario(Scenario(), [joint], "x")
+    assert [
+        entry.viscous_nms_rad for entry in export.scenario.hidden if entry.name == "viscous_friction"
+    ] == [pytest.approx(0.5)]
+    assert not export.left_out
+
+
+@pytest.mark.parametrize(("position", "effort"), [("position_m", "force_N"), ("position_rad", "torque_Nm")])
+def test_only_a_turning_joint_becomes_part_of_the_simulated_arm(position, effort, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    swing = swings(2)
+    columns = {"time_s": swing.time_s, position: swing.position, effort: swing.effort, "run": swing.run}
+    data = write_table(tmp_path / "axis.csv", **columns)
+    done("add", data, "coulomb_friction", "--model", "inertia")
+    result = run("export", data, "-o", "world.yaml")
+    if position == "position_m":
+        assert_refused(result, "joint_1: is a linear axis")
+        assert not (tmp_path / "world.yaml").exists()
+    else:
+        assert load_scenario(tmp_path / "world.yaml").description.endswith("the object was not measured")
 
 
 def test_imported_file_becomes_an_object(tmp_path, monkeypatch):
@@ -304,6 +333,16 @@ def test_channel_is_imported_again_unchanged(probed, tmp_path):
     first, again = (Study(path, keep=False).channel("contact").data for path in (probed[0], file))
     for name in ("position", "velocity", "effort", "phase"):
         np.testing.assert_array_equal(getattr(first, name)[first.run >= 0], getattr(again, name))
+    stored = tmp_path / "again.mcap"
+    done("import", file, "-o", stored)
+    (expected, *_), *others = (
+        as_json("estimate", path)["channels"][0]["estimates"] for path in (probed[0], file, stored)
+    )
+    for estimate, *_ in others:
+        for name, known in expected["parameters"].items():
+            found = estimate["parameters"][name]
+            assert found["value"] == pytest.approx(known["value"], abs=0.02 * known["std_err"])
+            assert found["std_err"] == pytest.approx(known["std_err"], rel=0.01)
     told = run("export", probed[0], "--stream", "contact", "-o", file, "--force")
     assert next_commands(told) == [["import", str(file)]]
 

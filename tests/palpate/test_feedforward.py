@@ -174,6 +174,17 @@ def test_effects_without_a_term_are_reported(swinging, tmp_path):
         assert found[name].startswith(str(tmp_path / "feedforward"))
 
 
+def test_friction_that_depends_on_the_direction_becomes_that_of_both(tmp_path):
+    data = swings(4, lambda q, v, a: np.where(v > 0.0, 0.6, 0.3) * np.tanh(v / 0.01))
+    study = Study(data, "pendulum")
+    study.add("asymmetric_friction")
+    made = study.export_feedforward(tmp_path / "ff.yaml")
+    drag = function_of(tmp_path)
+    friction = [(drag(1, 0.0, v, 0.0) - drag(1, 0.0, -v, 0.0)) / 2.0 for v in (0.05, 1.0, 2.0)]
+    assert friction == pytest.approx([0.45 + v * DAMPING for v in (0.05, 1.0, 2.0)], abs=0.02)
+    assert any("mean" in line for line in made.left_out)
+
+
 def test_without_revisions_the_base_model_is_written(swinging, tmp_path):
     study = Study(swings(4), "inertia")
     made = study.export_feedforward(tmp_path / "plain.yaml")

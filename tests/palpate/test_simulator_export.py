@@ -141,6 +141,35 @@ def test_both_angles_of_a_tilt_are_those_of_the_most_certain_joint():
     assert "inverse dynamics" in make_feedforward(joints).left_out[0]
 
 
+@pytest.mark.parametrize("base", [6.3, 9.5])
+def test_viscosity_is_the_same_in_all_formats_however_the_fit_splits_it(base):
+    """Only the sum of the base model's viscosity and that of the two directions is known."""
+
+    def estimates(**values):
+        nothing = (float("nan"), float("nan"))
+        return {k: ParameterEstimate(k, "", v, float("nan"), nothing) for k, v in values.items()}
+
+    sides = {"forward": 6.0, "backward": 4.0, "viscous_forward": 8.1 - base, "viscous_backward": 7.9 - base}
+    effects = {
+        "viscous_friction": estimates(d=base),
+        "asymmetric_friction": estimates(**sides, transition=0.1),
+    }
+    joint = SimpleNamespace(name="joint_1", number=1, by_effect=effects)
+    for target, dry, viscous in (
+        (SimulatorFormat.MJCF, "frictionloss", "damping"),
+        (SimulatorFormat.URDF, "friction", "damping"),
+        (SimulatorFormat.ISAACLAB, "dynamic_friction", "viscous_friction"),
+        (SimulatorFormat.BAM, "friction_base", "friction_viscous"),
+    ):
+        values = express([joint], target, "axis.csv").joints[0].values
+        assert [values[key].number for key in (dry, viscous)] == pytest.approx([5.0, 8.0])
+    made = make_feedforward([joint])
+    terms = made.terms[0]
+    assert (terms.coulomb_level, terms.viscous, terms.coulomb_transition) == pytest.approx((5.0, 8.0, 0.1))
+    assert any("do not determine it alone" in line for line in made.left_out)
+    assert not any("interval" in line for line in made.left_out)
+
+
 def test_gap_lets_the_link_move_freely_within_it():
     # motors that hold still, while gravity pulls the link through the gap
     heavy = HAND_MADE.replace('name="shoulder"', 'name="shoulder" armature="1e6"')

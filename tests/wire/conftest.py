@@ -1,9 +1,12 @@
 """Emulated robots that are closed at the end."""
 
+from contextlib import suppress
+
 import pytest
 
 from palpate.robot_io.drivers.dynamixel.servos import DynamixelLine
 from palpate.robot_io.drivers.feetech.servos import FeetechLine
+from palpate.robot_io.errors import DeviceError
 from tests.wire.parts import EmulatedRobot
 
 
@@ -18,7 +21,7 @@ def few_ids():
 
 @pytest.fixture
 def make_robot():
-    """Make emulated robots; close them all."""
+    """Make emulated robots; close them all, also those whose devices no longer answer."""
     opened = []
 
     def make(*args, **kwargs):
@@ -27,4 +30,6 @@ def make_robot():
 
     yield make
     for one in opened:
-        one.close()
+        with suppress(DeviceError):
+            one.robot.close()
+        one.arm.emulator.close()

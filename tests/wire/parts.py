@@ -1,7 +1,6 @@
 """Robots on emulated wires in lock-step, with fault injection."""
 
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 
 import can
@@ -10,7 +9,6 @@ import yaml
 
 from palpate.robot_io.clock import SimulatedClock
 from palpate.robot_io.driver import DriverCatalog
-from palpate.robot_io.errors import DeviceError
 from palpate.robot_io.robot import Robot, build_robot
 from palpate.robot_io.robot_file import parse_robot_file
 from palpate.robot_io.types import Command, Measurement
@@ -19,7 +17,6 @@ from palpate.sim_backend.emulators.wiring import WiredArm, wire_up
 from palpate.sim_backend.hidden import hidden_effects
 from palpate.sim_backend.imperfection import Imperfection
 from palpate.sim_backend.scenario import load_scenario
-from palpate.sim_backend.world import World
 
 ROOT = Path(__file__).resolve().parents[2]
 ODRIVE = ROOT / "robots" / "odrive_3dof.yaml"
@@ -66,14 +63,6 @@ NET_FT = (  # one axis of a Net F/T, and the network that it is on, in their pla
         "driver: net_ft_line\n    host: 192.168.1.1",
     ),
 )
-
-
-def press(world: World, force_n: float) -> None:
-    """Hold the arm where it is, tool down, and bring the surface up to it."""
-    world.held = True
-    world.place(world.truth().joint_position_rad)
-    depth_m = force_n / world.object.law.stiffness_n_m if force_n else -0.05
-    world.object.move_surface(world.truth().tip_position_world_m[2] + depth_m)
 
 
 class EmulatedRobot:
@@ -166,9 +155,6 @@ class EmulatedRobot:
         """The emulated force sensor."""
         return self.arm.wires["load_cell"]._sensor
 
-    def press(self, force_n: float) -> None:
-        press(self.arm.plant.world, force_n)
-
     def hold(self):
         """Let the arm stand, whatever drives it, until the function that this returns is called."""
         engine = self.arm.plant.world._engine
@@ -186,7 +172,5 @@ class EmulatedRobot:
         return "; ".join((*self.robot.bus_errors.values(), *self.robot.bus_delays.values()))
 
     def close(self) -> None:
-        """Also if the devices no longer answer."""
-        with suppress(DeviceError):
-            self.robot.close()
+        self.robot.close()
         self.arm.emulator.close()

@@ -73,8 +73,11 @@ class Course:
 
 def move(arm, bus, tick):
     """The arm falls as it likes; the surface presses the sensor with 5 to 55 N."""
-    if bus == "load_cell":
-        arm.press(30.0 + 25.0 * np.sin(tick / 40.0))
+    world = arm.arm.plant.world
+    world.held = bus == "load_cell"
+    if world.held:
+        depth_m = (30.0 + 25.0 * np.sin(tick / 40.0)) / world.object.law.stiffness_n_m
+        world.object.move_surface(world.truth().tip_position_world_m[2] + depth_m)
 
 
 def test_unpadded_lines_are_no_exception(make_robot, monkeypatch):

@@ -35,22 +35,29 @@ def sensor(request, make_robot):
     path, changes = SENSORS[request.param]
     arm = make_robot(path, changes)
     arm.robot.configure()
-    arm.press(5.0)
+    press(arm, 5.0)
     arm.ticks(10, None)
     return arm
+
+
+def press(arm, force_n):
+    world = arm.arm.plant.world
+    world.held = True
+    depth_m = force_n / world.object.law.stiffness_n_m
+    world.object.move_surface(world.truth().tip_position_world_m[2] + depth_m)
 
 
 def test_newest_reading_is_served_after_a_stall_of_the_line(make_robot):
     """A late reading holds back those behind it; all arrive together, and the force has risen meanwhile."""
     arm = make_robot(ODRIVE)
     arm.robot.configure()
-    arm.press(1.0)
+    press(arm, 1.0)
     arm.ticks(100, None)
     served = 0
     for number in range(400):
         if number in (0, 200):
             arm.inject_fault("load_cell", FaultKind.DELAY, delay_s=0.1, times=1)
-        arm.press(1.0 + 0.02 * number)  # rises by 20 N/s
+        press(arm, 1.0 + 0.02 * number)  # rises by 20 N/s
         measurement = arm.tick(None)
         if measurement.force_status is Status.OK:
             assert measurement.force_n == pytest.approx(arm.arm.plant.force[0], abs=0.3)
@@ -253,7 +260,7 @@ def test_reversed_or_unsigned_sensor_shows_a_press(make_robot, sensor, unknown):
     arm = make_robot(ODRIVE, [sensor])
     arm.sensor.unknown = unknown
     arm.robot.configure()
-    arm.press(5.0)
+    press(arm, 5.0)
     assert arm.ticks(10, None).force_n == pytest.approx(5.0, abs=0.1)
 
 
@@ -282,7 +289,7 @@ def test_lost_answer_is_requested_again_at_once(make_robot):
     """The gauge was left alone for 0.35 s, and the arm stopped."""
     arm = make_robot(ODRIVE, [MARK10])
     arm.robot.configure()
-    arm.press(5.0)
+    press(arm, 5.0)
     arm.ticks(600, None)
     for _ in range(5):
         arm.inject_fault("load_cell", FaultKind.DROP, times=1)
