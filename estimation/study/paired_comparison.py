@@ -9,6 +9,7 @@ import numpy as np
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.estimate import DisplayTable, ParameterEstimate, TableDisplay
 from palpate.estimation.fit.intervals import SIGMAS_95
+from palpate.estimation.fit.measurement_noise import NoiseSource, rows_before_contact
 from palpate.estimation.fit.samples import slopes_of
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.estimation.signals.runwise import sample_time
@@ -18,6 +19,7 @@ from palpate.estimation.statistics.correlation import (
     cross_correlation,
     fit_percent,
 )
+from palpate.estimation.statistics.noise import sum_covariance
 from palpate.estimation.statistics.uncertainty import sandwich
 from palpate.estimation.study.channels import StudyChannel
 from palpate.estimation.study.comparison import Comparison
@@ -31,6 +33,7 @@ Extended = Sequence[tuple[StudyChannel, Sequence[str]]]
 _LAG_SHARE, _MIN_LAGS, _MAX_LAGS = 0.1, 25, 400
 _MIN_OVERLAP = 0.9  # least ratio of the shorter to the longer run for a comparison over time
 _SAME_MOTION = 0.1  # largest relative difference of two motions that count as equal
+_MAX_REPEATED = 1.2  # ratio to the noise above which few samples do not excuse a difference
 # Least change of the effort by a parameter's difference that is reported, in noise levels.
 _MIN_NOISE_LEVELS = 0.05
 
@@ -276,6 +279,31 @@ class PairedComparison(TableDisplay):
             return float("nan")
         rms = np.sqrt(np.nanmean((self.overlay - self.first.data.effort) ** 2))
         return float(rms / max(np.hypot(a.noise.value, b.noise.value), np.finfo(float).tiny))
+
+    @cached_property
+    def repeats(self) -> bool:
+        """Whether no parameter differs, and the efforts differ by no more than the noise of both.
+
+        The mean square of the difference must not exceed the sum of both squared noise levels significantly
+        (95 %). Its standard error allows for autocorrelation, and those of the noise levels for the samples
+        from which they come.
+        """
+        a, b = self.first.compared, self.second.compared
+        if self.overlay is None or a is None or b is None or any(each.differs for each in self.differences):
+            return False
+        squares = (self.overlay - self.first.data.effort) ** 2
+        known = np.isfinite(squares)
+        mean, levels = float(squares[known].mean()), np.array([a.noise.value, b.noise.value]) ** 2
+        samples = [
+            sum(map(len, rows_before_contact(side.data)))
+            if compared.noise.source is NoiseSource.FREE_AIR
+            else len(side.data)
+            for side, compared in ((self.first, a), (self.second, b))
+        ]
+        total = sum_covariance(squares[known, None] - mean, self.first.data.run[known]).matrix[0, 0]
+        variance = total / np.count_nonzero(known) ** 2 + float(np.sum(2.0 * levels**2 / samples))
+        is_significant = mean - levels.sum() > SIGMAS_95 * np.sqrt(variance)
+        return self.difference_in_noise < _MAX_REPEATED and not is_significant
 
     @cached_property
     def fit_matrix(self) -> tuple[tuple[float, float], tuple[float, float]]:

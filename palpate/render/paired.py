@@ -77,8 +77,7 @@ class ChannelPairView:
             )
             rows.append((f"{letter}'s model", tuple(fits)))
         if np.isfinite(self.sides.agreement_percent):
-            only_noise = self.sides.difference_in_noise < _ONLY_NOISE
-            followed = _NOISE_ALONE if only_noise else _percent_text(self.sides.agreement_percent)
+            followed = _NOISE_ALONE if self.sides.repeats else _percent_text(self.sides.agreement_percent)
             rows.append(("B as measured", (followed, _percent_text(_TO_PERCENT))))
         return rows
 
@@ -102,7 +101,7 @@ def _words(sides: PairedComparison) -> Iterator[str]:
     for letter, side in pair:
         if side.compared is None:
             yield f"{letter} has no model: {side.reason}."
-    if sides.difference_in_noise < _ONLY_NOISE:
+    if sides.repeats:
         yield "B repeats A: the two differ by no more than the noise of both."
     elif np.isfinite(sides.agreement_percent):
         yield f"B repeats A with a fit of {sides.agreement_percent:.1f} %."

@@ -70,6 +70,32 @@ def test_repetition_shows_no_difference_and_agrees_within_noise(soft, again):
     assert other_of == pytest.approx(own, abs=0.3)
 
 
+@pytest.mark.parametrize(("change", "name"), [((402.0, 6.0), "stiffness.k"), ((400.0, 6.5), "damping.c")])
+def test_difference_below_the_noise_that_a_parameter_shows_is_no_repetition(soft, tmp_path, change, name):
+    k, c = change
+    other = write_presses(tmp_path / "other.csv", force_of=lambda x, v: k * x + c * v, seed=8)
+    found = sides(soft, other)
+    assert found.difference_in_noise < 1.2
+    assert [one.name for one in found.differences if one.differs] == [name]
+    said = " ".join(run("compare", soft, other).stdout.split())
+    assert f"{name} differs" in said
+    assert "B repeats A with a fit" in said
+    assert "only noise" not in said
+    assert "noise of both" not in said
+
+
+def test_slow_deviation_below_the_noise_is_no_repetition(soft, again, tmp_path):
+    """The deviation is smaller than the noise of the difference, and is no change of a parameter."""
+    assert sides(soft, again).repeats
+    columns = press_columns(again)
+    wave = 1.1 * NOISE_N * np.sqrt(2.0) * np.sin(2.0 * np.pi * 9.0 * columns["time_s"])
+    columns["force_N"] += np.where(columns["displacement_m"] > 0.0, wave, 0.0)
+    found = sides(soft, write_table(tmp_path / "wave.csv", **columns))
+    assert not any(one.differs for one in found.differences)
+    assert found.difference_in_noise < 1.2
+    assert not found.repeats
+
+
 def test_common_model_error_cancels_in_paired_differences(tmp_path):
     """A hidden cubic term makes each stiffness uncertain by 100 N/m, and the difference by less than one."""
 
