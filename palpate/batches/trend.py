@@ -1,6 +1,7 @@
 """Find steps and drifts of parameters over time that exceed the scatter between measurements."""
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from math import comb
@@ -26,6 +27,7 @@ _BESIDE = 2  # neighbors on each side with which a value is compared
 _ISOLATED = 8.0  # robust standard deviations from the nearest neighbor beyond which a value is left out
 _MOST_ISOLATED = 0.1  # largest share of such values
 _SECONDS_A_DAY = 86_400.0
+_MONTH = re.compile(r"\d{4}-\d\d")
 DATES = ("date", "day", "night", "time", "datetime", "timestamp")  # fields that are taken for a time
 
 
@@ -73,8 +75,8 @@ def time_axis(table: pa.Table, field: str | None = None) -> tuple[FloatArray, li
         Times (n,), in days where they are dates; labels; "date", "count", or the name of a column of numbers.
 
     Raises:
-        InputError: there is no such column, a cell in it is neither date nor number, or all measurements have
-            the same time.
+        InputError: there is no such column, a cell in it is neither date nor number, only some dates have a
+            time zone, or all measurements have the same time.
     """
     usual = [name for name in table.column_names if name.lower() in DATES]
     names = [field] if field else sorted(usual, key=lambda name: len(set(texts(table, name))) == 1)
@@ -88,6 +90,8 @@ def time_axis(table: pa.Table, field: str | None = None) -> tuple[FloatArray, li
             times = [read(label) for label in labels]
             known = [time for time in times if time is not None]
             if len(known) == len(labels):
+                if what == "date":
+                    _refuse_mixed_zones(name, labels)
                 if len(set(known)) == 1 and (several := len(set(measurement))) >= LEAST:
                     raise InputError(
                         f"column {name}: all {several} measurements have {labels[0]}, which gives no order "
@@ -107,10 +111,26 @@ def time_axis(table: pa.Table, field: str | None = None) -> tuple[FloatArray, li
     return np.array([number[name] for name in measurement]), measurement, "count"
 
 
+def _refuse_mixed_zones(name: str, labels: Sequence[str]) -> None:
+    """Raise `InputError` if only some dates have a time zone, since their order is then unknown."""
+    zoned = [_moment(label).tzinfo is not None for label in labels]
+    if len(set(zoned)) == 2:
+        with_zone, without = zoned.index(True), zoned.index(False)
+        raise InputError(
+            f"column {name}: {labels[with_zone]!r} in row {with_zone + 1} has a time zone, but "
+            f"{labels[without]!r} in row {without + 1} has none; give all dates with a time zone, or none"
+        )
+
+
+def _moment(text: str) -> datetime:
+    """Return a date or time (ISO 8601), also a month such as 2026-03; raise `ValueError` for other texts."""
+    return datetime.fromisoformat(f"{text}-01" if _MONTH.fullmatch(text) else text)
+
+
 def _days(text: str) -> float | None:
     """Return the days since 1970 of a date or time; None for other texts."""
     try:
-        moment = datetime.fromisoformat(text)
+        moment = _moment(text)
     except ValueError:
         return None
     return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp() / _SECONDS_A_DAY
@@ -220,7 +240,15 @@ def find_changes(series: Series, level: float) -> list[TrendChange]:
         place = int(np.argmax(steps)) + _SIDE
         if max(steps) >= drift:
             sides = (slice(0, place), slice(place, None))
-            before, after = (float(weights[side] @ values[side] / weights[side].sum()) for side in sides)
+            stepped = np.concatenate(
+                [
+                    np.full_like(values[side], np.average(values[side], weights=weights[side]))
+                    for side in sides
+                ]
+            )
+            # the step's own difference is no scatter
+            weights = 1.0 / (_spread_squared((values - stepped)[None], std_errs) + std_errs**2)[0]
+            before, after = (float(np.average(values[side], weights=weights[side])) for side in sides)
             std_err = float(np.sqrt(sum(1.0 / weights[side].sum() for side in sides)))
             change = TrendChange("step", begin + place, end - 1, before, after, std_err, p_value)
         else:

@@ -48,6 +48,17 @@ def test_steps_are_dated_within_three_nights():
     assert abs(second.first - 60) <= 1
 
 
+@pytest.mark.parametrize("size", [0.1, 1.0, 100.0])
+def test_error_of_a_step_comes_from_the_scatter_whatever_the_size_of_the_step(size):
+    rng = np.random.default_rng(8)
+    errors = []
+    for _ in range(10):
+        values = 1.0 + 0.03 * rng.standard_normal(40) - size * (np.arange(40) >= 20)
+        (change,) = find_changes(series(values, np.full(40, 0.001)), LEVEL / 10)
+        errors.append(change.std_err)
+    assert np.mean(errors) == pytest.approx(0.03 * np.sqrt(2 / 20), rel=0.15)
+
+
 def test_drift_is_no_step_and_its_size_is_known():
     (change,) = find_changes(nights(np.random.default_rng(2), np.linspace(1.0, 1.3, 80)), LEVEL / 10)
     assert change.kind == "drift"
@@ -192,6 +203,28 @@ def test_single_date_is_refused_and_a_constant_date_column_is_skipped(tmp_path):
     table = pq.read_table(tmp_path / "nightly" / "table.parquet")
     table = table.append_column("timestamp", pa.array([float(number) for number in range(40)]))
     assert time_axis(table)[2] == "timestamp"
+
+
+def dated(*labels):
+    return pa.table({"measurement": [f"n{n}" for n in range(len(labels))], "date": list(labels)})
+
+
+def test_dates_with_and_without_a_time_zone_are_not_mixed():
+    with pytest.raises(
+        InputError, match=r"'2026-03-01T03:00\+02:00' in row 2 .* '2026-03-01T02:00' in row 1"
+    ):
+        time_axis(dated("2026-03-01T02:00", "2026-03-01T03:00+02:00"))
+    times, _, what = time_axis(dated("2026-03-01T02:00Z", "2026-03-01T03:00+02:00"))
+    assert what == "date"
+    assert times[1] - times[0] == pytest.approx(-1 / 24)  # 01:00 UTC
+
+
+def test_months_are_dates():
+    times, _, what = time_axis(dated("2024-01", "2024-02", "2024-03", "2025-03"))
+    assert what == "date"
+    assert np.diff(times).tolist() == [31, 29, 365]
+    with pytest.raises(InputError, match="2024-13"):
+        time_axis(dated("2024-12", "2024-13"))
 
 
 def test_invalid_trend_tables_are_reported(tmp_path):
