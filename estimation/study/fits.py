@@ -236,7 +236,8 @@ class StudyFits(TableDisplay):
                 bound.
 
         Raises:
-            InputError: see `fit`; or a parameter does not exist, or a value is not finite.
+            InputError: see `fit`; or a parameter does not exist, a value is not finite, or a lower bound
+                exceeds the upper one.
         """
         channel = self._resolve(channel)
         with self._lock:
@@ -247,6 +248,11 @@ class StudyFits(TableDisplay):
                     raise InputError(f"no parameter '{name}'. Available: {', '.join(free.values)}")
                 if not math.isfinite(value):
                     raise InputError(f"{name}={value}: give a finite number")
+            for name, (low, high) in bounds.items():
+                if low > high:
+                    raise InputError(
+                        f"{name}: the bounds are {low:g} and {high:g}; give the lower bound first"
+                    )
             fixed = dict(held)
             while True:
                 fit = fitting.fit_held(channel.to_fit, free, fixed) if fixed else free

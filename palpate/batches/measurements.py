@@ -159,7 +159,15 @@ def _listed(place: str) -> dict[Path, dict[str, str]]:
         with path.open("rb") as file:  # a text file may as well be a long data file of any encoding
             names = _header(file.readline(_MOST_BYTES).decode("utf-8-sig", "replace"))[1]
         if FILE in names:
-            return {path.parent / line.pop(FILE): line for line in _lines(path)}
+            listed, rows = dict[Path, dict[str, str]](), dict[str, int]()
+            for number, line in enumerate(_lines(path), 2):
+                name = path.parent / line.pop(FILE)
+                if (first := rows.setdefault(os.path.abspath(name), number)) != number:
+                    raise InputError(
+                        f"{path}: lines {first} and {number} both name {name}; name each file once"
+                    )
+                listed[name] = line
+            return listed
     if path.is_dir():
         files = data_files(path)
         if not files:

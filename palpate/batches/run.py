@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -47,6 +47,14 @@ from palpate.sweep.runner import Progress
 REPORTS, SUMMARY = "reports", "summary.json"
 SUGGEST = "suggest"  # in place of a base model
 MOST_REPORTS = 3
+# Valid texts of arguments, for messages.
+_EXAMPLES = {
+    "model": "kelvin_voigt",
+    "pattern": "{specimen}_{day}.csv",
+    "join": "specimen",
+    "split": "run",
+    "group": "specimen",
+}
 _SAMPLE = 7  # measurements that suggest a base model
 
 
@@ -103,6 +111,11 @@ def batch(
         InputError: there is nothing to measure, or an argument is not valid.
         PalpateError: the scheduler was lost; the same call continues from there.
     """
+    _check_types(
+        {"model": model, "pattern": pattern, "join": join, "split": split, "group": group},
+        {"out": out, "metadata": metadata, "urdf": urdf},
+        data,
+    )
     places = [data] if isinstance(data, str | Path) else list(data)
     _check_names(model, [*add, *share], effects)
     folder = Path(out)
@@ -170,6 +183,18 @@ def batch(
         raise
     made = result(share)
     return _with_reports(made, measurements, options, reports) if reports else made
+
+
+def _check_types(words: Mapping[str, object], paths: Mapping[str, object], data: object) -> None:
+    """Raise `InputError` if an argument given from Python is not a text or a path."""
+    for name, value in words.items():
+        if not isinstance(value, str | None):
+            raise InputError(f"{name}={value!r}: give a text, such as {name}={_EXAMPLES[name]!r}")
+    for name, value in paths.items():
+        if not isinstance(value, str | Path | None):
+            raise InputError(f"{name}={value!r}: give a path")
+    if not isinstance(data, Iterable | Path):
+        raise InputError(f"data={data!r}: give a path, or a list of paths")
 
 
 def _check_names(model: str | None, names: Sequence[str], own: Sequence[str]) -> None:

@@ -54,6 +54,11 @@ def test_invalid_fixed_parameters_are_refused(study: ModelStudy, held: dict[str,
         study.fit_held("contact", (), held)
 
 
+def test_reversed_bounds_are_refused(study: ModelStudy) -> None:
+    with pytest.raises(InputError, match=r"stiffness.k: the bounds are 5 and 1; give the lower bound first"):
+        study.fit_held("contact", (), {}, {"stiffness.k": (5.0, 1.0)})
+
+
 def test_evicted_fits_are_reproduced(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("palpate.estimation.study.fits._MAX_FITS", 2)
     study = ModelStudy(presses(np.random.default_rng(2)))

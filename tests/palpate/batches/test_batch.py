@@ -506,3 +506,22 @@ def test_lists_may_come_from_a_spreadsheet(tmp_path, quote, encoding):
     described = find_measurements([*tmp_path.glob("s0*.csv")], metadata=tmp_path / "list.csv")
     for found in (listed, described):
         assert sorted(each.fields["Härte"] for each in found) == ["hart", "weich, mürbe"]
+
+
+def test_list_that_names_a_file_twice_is_refused_with_both_lines(tmp_path):
+    (tmp_path / "b.csv").touch()
+    rows = ["file,treatment", "a.csv,x", "b.csv,x", "./b.csv,y"]
+    (tmp_path / "list.csv").write_text("\n".join(rows) + "\n")
+    with pytest.raises(InputError, match=r"list.csv: lines 3 and 4 both name .*b.csv") as refused:
+        find_measurements([tmp_path / "list.csv"])
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "argument",
+    [{"pattern": 5}, {"group": 5}, {"model": 5}, {"metadata": 5}, {"urdf": 5}, {"out": 5}, {"data": 5}],
+)
+def test_arguments_of_a_wrong_type_are_refused_by_name(tmp_path, argument):
+    (name,) = argument
+    with pytest.raises(InputError, match=f"^{name}=5: give a "):
+        palpate.batch(**{"data": tmp_path, "out": tmp_path / "out"} | argument)
