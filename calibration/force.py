@@ -122,7 +122,8 @@ def read_reference_file(
     Args:
         path: path of the file.
         columns: names of the columns `reading`, `reference` and `settled`; a missing entry stands for the
-            column whose name begins so.
+            column whose name begins so, and a missing reference else for the only other column in a unit of
+            force or mass.
         gravity_m_s2: gravitational acceleration, which converts masses to forces [m/s^2].
         reading_unit: unit of the readings; None for the end of the column's name.
 
@@ -138,9 +139,11 @@ def read_reference_file(
         raise InputError(f"--column {unknown[0]}: no such role. Valid: {', '.join(_ROLES)}")
     table = read_table(path)
     reading = _column(table, "reading", columns)
-    reference = _column(table, "reference", columns)
-    settled = columns.get("settled") or next((name for name in table.names if name == "settled"), None)
     factors = _TO_N | {"kg": gravity_m_s2, "g": 1e-3 * gravity_m_s2, "lb": 0.45359237 * gravity_m_s2}
+    others = (name for name in _unnamed(table) if name != reading)
+    by_unit = [name for name in others if "_" in name and name.rpartition("_")[2].lower() in factors]
+    reference = _column(table, "reference", columns, by_unit)
+    settled = columns.get("settled") or next((name for name in table.names if name == "settled"), None)
     reference_unit = reference.rpartition("_")[2].lower()
     if reference_unit not in factors:
         raise InputError(
@@ -161,18 +164,24 @@ def read_reference_file(
     return plateaus, unit
 
 
-def _column(table: Table, role: str, columns: Mapping[str, str]) -> str:
+def _column(table: Table, role: str, columns: Mapping[str, str], by_unit: Sequence[str] = ()) -> str:
+    """Return the column of a role: the given one, or the only one named after it, or else with its unit."""
     if role in columns:
         return columns[role]
-    candidates = [name for name in table.names if name == role or name.startswith(f"{role}_")]
+    named = [name for name in table.names if name == role or name.startswith(f"{role}_")]
+    candidates = named or by_unit
     if len(candidates) != 1:
-        free = [name for name in table.names if not name.startswith((*_ROLES, "time"))]
-        example = (free or [*table.names])[0]
+        example = (*candidates, *_unnamed(table), *table.names)[0]
         raise InputError(
             f"{table.path}: which column is the {role}? Use --column {role}={example}. "
             f"Available: {table.listed_names}"
         )
     return candidates[0]
+
+
+def _unnamed(table: Table) -> list[str]:
+    """Return the columns that are named neither after a role nor after the time."""
+    return [name for name in table.names if not name.startswith((*_ROLES, "time"))]
 
 
 EVENT = "reference_force"

@@ -27,8 +27,20 @@ def test_masses_become_weights_and_names_give_units(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("name", "newton"), [("mass_kg", 9.80665), ("weight_lbf", 4.4482216), ("force_N", 1.0)]
+)
+def test_only_other_column_in_a_unit_of_load_is_the_reference(tmp_path, name, newton):
+    rows = [f"{0.01 * n},{500 + 100 * load + n % 2},{load}" for load in KG for n in range(20)]
+    plateaus, _ = read_reference_file(write(tmp_path, f"time_s,reading_counts,{name}", rows), {})
+    np.testing.assert_allclose(plateaus.reference_n, newton * np.array(KG))
+
+
+@pytest.mark.parametrize(
     ("header", "columns", "words"),
     [
+        ("time_s,reading_N,reading_V", {}, ("the reading? Use --column reading=reading_N",)),
+        ("reading_N,mass_kg,load_lbf", {}, ("the reference? Use --column reference=mass_kg",)),
+        ("time_s,reading_N,reading_error_N", {"reading": "reading_N"}, ("which column is the reference",)),
         ("counts,reference_N", {}, ("--column reading=counts", "Available: counts, reference_N")),
         ("reading_counts,reference_apples", {}, ("reference_apples", "kg")),
         ("reading_pears,reference_N", {}, ("--reading-unit",)),
@@ -37,7 +49,9 @@ def test_masses_become_weights_and_names_give_units(tmp_path):
 )
 def test_incomplete_file_is_refused(tmp_path, header, columns, words):
     with pytest.raises(InputError) as caught:
-        read_reference_file(write(tmp_path, header, ["1,0", "2,0", "3,0"]), columns)
+        read_reference_file(
+            write(tmp_path, header, [f"{n}" + ",0" * header.count(",") for n in (1, 2, 3)]), columns
+        )
     for word in words:
         assert word in str(caught.value)
 
