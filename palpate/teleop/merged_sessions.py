@@ -64,6 +64,13 @@ class ForceComparison:
         return f"{100.0 * self.share:.2g} % rms of {len(self.real_n)} samples"
 
 
+def _duration(seconds: float, error_s: float) -> str:
+    """Format a duration in h, s or ms, to two significant digits of its error [s]."""
+    sizes = ((3600.0, "h"), (1.0, "s"), (1e-3, "ms"))
+    size, unit = next((entry for entry in sizes if seconds >= entry[0]), sizes[-1])
+    return f"{significant(seconds / size, error_s / size)} {unit}"
+
+
 @dataclass(frozen=True)
 class MergedSessions:
     """Both sessions, with times on the leader's clock."""
@@ -113,11 +120,12 @@ class MergedSessions:
     def clock_summary(self) -> str:
         """Describe the offset between the two clocks and its uncertainty."""
         which = "ahead of" if self.offset_s >= 0.0 else "behind"
-        moved_ms = 1e3 * np.ptp(self.exchanges[:, 1])
+        moved_s = float(np.ptp(self.exchanges[:, 1]))
+        offset = _duration(abs(self.offset_s), max(moved_s, 0.5 * self.round_trip_s))
         return (
-            f"the follower's clock is {which} the leader's by {abs(self.offset_s):.6f} s (shortest "
-            f"round trip {1e3 * self.round_trip_s:.2g} ms; drift over the session "
-            f"{significant(moved_ms, moved_ms)} ms)"
+            f"the follower's clock is {which} the leader's by {offset} (shortest round trip "
+            f"{_duration(self.round_trip_s, self.round_trip_s)}; drift over the session "
+            f"{_duration(moved_s, moved_s)})"
         )
 
     @property
