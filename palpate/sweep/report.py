@@ -107,8 +107,10 @@ def write_grid(
     """
     good = [row for row in rows if not row["error"]]
     if grid.diagnose:
-        verdicts = grouped(good, itemgetter("truth", "channel", "verdict", "accepted"))
-        names = ("hidden", "channel", "verdict", "effects named", "cases")
+        columns = ("truth", "truth_channel", "channel", "verdict", "accepted")
+        # rows of older sweeps do not state the channel of the hidden effect
+        verdicts = grouped(good, lambda row: tuple(row.get(name, "") for name in columns))
+        names = ("hidden", "hidden in", "channel", "verdict", "effects named", "cases")
         counts = tuple((*key, len(own)) for key, own in sorted(verdicts.items()))
         table = SweepTable("verdicts", "What the diagnosis said", names, counts)
         sections = [ReportSection("Diagnosis", None, (), (table,))]

@@ -137,6 +137,7 @@ def diagnose(parameters: Mapping[str, Any], seed: int) -> list[Row]:
     model = None if parameters["model"] == CONTACT_MODEL else parameters["model"]
     study = Study(channels, model, arm=arm_from_urdf(robot.urdf_path, robot.tip_frame))
     common = _conditions(parameters) | {"truth": ", ".join(law.name for law in scenario.hidden) or NOTHING}
+    common |= {"truth_channel": ", ".join(" ".join(law.channels) for law in scenario.hidden)}
     return [
         common
         | {"channel": channel.channel, "verdict": channel.verdict.value, "complete": channel.complete}

@@ -438,9 +438,27 @@ def test_report_of_diagnoses_counts_their_verdicts(tmp_path):
     said = {"truth": "none", "channel": "contact", "accepted": "", "error": ""}
     rows = [said | {"verdict": verdict} for verdict in ("nothing", "missing", "nothing")]
     page, tables = reported(tmp_path / "out", grid(tmp_path, diagnose=True), rows)
-    assert [line[2:] for line in tables["verdicts"][1:]] == [["missing", "", "1"], ["nothing", "", "2"]]
+    assert [line[3:] for line in tables["verdicts"][1:]] == [["missing", "", "1"], ["nothing", "", "2"]]
     assert len(tables["cases"]) == 1 + 3
     assert "What the diagnosis said" in page
+
+
+def test_report_of_diagnoses_states_where_each_effect_was_hidden(tmp_path):
+    said = {"truth": "coulomb_friction", "channel": "joint_1", "verdict": "missing", "error": ""}
+    rows = [
+        said | {"truth_channel": "joint_1", "accepted": "coulomb_friction"},
+        said | {"truth_channel": "joint_2", "accepted": ""},
+    ]
+    _, tables = reported(tmp_path / "out", grid(tmp_path, diagnose=True), rows)
+    assert [line[:3] for line in tables["verdicts"]] == [
+        ["hidden", "hidden in", "channel"],
+        ["coulomb_friction", "joint_1", "joint_1"],
+        ["coulomb_friction", "joint_2", "joint_1"],
+    ]
+    assert {line[tables["cases"][0].index("truth_channel")] for line in tables["cases"][1:]} == {
+        "joint_1",
+        "joint_2",
+    }
 
 
 def test_cells_have_three_digits_or_whole_numbers():

@@ -203,5 +203,5 @@ def test_diagnosis_in_a_daemonic_worker_identifies_hidden_effects(few_effects, m
     rows = probing.diagnose(PARAMETERS | {"hidden": hidden, "plan": plan}, 1)
     contact = next(row for row in rows if row["channel"] == "contact")
     assert contact["verdict"] == "missing"
-    assert contact["truth"] == "cubic_stiffness"
+    assert (contact["truth"], contact["truth_channel"]) == ("cubic_stiffness", "contact")
     assert Counter(row["channel"] for row in rows) == Counter(["contact", "joint_1", "joint_2", "joint_3"])
