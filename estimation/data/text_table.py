@@ -70,10 +70,12 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
     heads = [*(table.head for table in dialect.tables[1:]), len(content)]
     pairs = list(zip(dialect.tables, heads, strict=True))
     spans = [(table, _end_of_rows(content, table, end, dialect.delimiter)) for table, end in pairs]
-    footer = [line for line in content[spans[-1][1] :].splitlines() if line.strip()]
+    below = [line for line in content[spans[-1][1] :].splitlines() if line.strip()]
+    footer = [line for line in below if line.strip(b'" \t' + dialect.delimiter.encode())]
+    empty = len(below) - len(footer)
     filled = [(table, end) for table, end in spans if end > table.start]
     if not filled:  # the parser then reports the error in these lines
-        filled, footer = [(dialect.tables[0], len(content.rstrip()))], []
+        filled, footer, empty = [(dialect.tables[0], len(content.rstrip()))], [], 0
     blocks = []
     for table, end in filled:
         line, rows = (1 + content.count(b"\n", *span) for span in ((0, table.head), (table.start, end - 1)))
@@ -84,6 +86,7 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
     preamble = tuple(line.strip() for line in lead if line.strip())
     notes = [*dialect.notes, *preamble_notes(len(preamble)), *note]
     notes += [f"a footer of {len(footer)} line{'s' if len(footer) > 1 else ''}"] if footer else []
+    notes += [f"{empty} empty row{'s' if empty > 1 else ''} at the end left out"] if empty else []
     notes += [f"text in {encoding}"] if encoding else []
     parts, lines, repairs = [], [], dict[str, None]()
     for number, (table, end) in enumerate(tests, 1):
