@@ -32,6 +32,7 @@ _MIN_COMPARED = 40  # samples needed to compare the noise of two runs
 # Least number of samples in which a run changes, so that equal readings in all samples are no coincidence.
 _MIN_CHANGES = 40
 _SAME_SPEED = 1e-3  # largest velocity difference of equal runs, relative to the range of velocities
+_MIN_FREE = 20  # samples in free air needed to state the share of one reading
 _MIN_BENDS = 100  # second differences needed to tell noise from a lower limit of the sensor
 # Least share of sign changes between consecutive second differences of noise: 0.73 in white noise, 0.67 in a
 # random walk, and almost none in a smooth curve.
@@ -104,7 +105,7 @@ def at_lower_end(data: ChannelData) -> BoolArray:
     stuck = np.asarray(data.effort == lowest)
     above = data.effort[~stuck]
     off_zero = abs(lowest) > _MIN_LIMIT * float(np.ptp(data.effort))
-    few_stuck = np.mean(stuck[~data.engaged]) < _MIN_AT_LIMIT
+    few_stuck = np.sum(~data.engaged) < _MIN_FREE or np.mean(stuck[~data.engaged]) < _MIN_AT_LIMIT
     if few_stuck or not off_zero or len(np.unique(above)) < _MIN_DISTINCT * len(above):
         return none
     bends = np.diff(data.effort, 2)[~stuck[1:-1]]

@@ -187,6 +187,13 @@ IMPLAUSIBLE = {  # what is said of it, and how often
 }
 
 
+@pytest.mark.parametrize("count", [19, 20])
+def test_no_share_of_free_air_is_stated_for_a_few_samples(count):
+    limited = replace(DATA, effort=np.maximum(F, 1.0))
+    few = limited.select(np.flatnonzero(DATA.engaged | (np.cumsum(~DATA.engaged) <= count)))
+    assert any("of free air shows" in warning for warning in quality_warnings(few)) == (count == 20)
+
+
 @pytest.mark.parametrize(
     ("depth_share", "force_share", "is_doubtful"), [(1e-4, 1e-9, False), (1.0, 1e-5, True)]
 )
