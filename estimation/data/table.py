@@ -291,7 +291,9 @@ def table_of(file: FileColumns, path: Path) -> Table:
     columns = columns.select(used)
     names, notes = columns.column_names, [*file.notes]
     rows = np.arange(1, columns.num_rows + 1) if file.rows is None else file.rows
-    if tests := find_tests(names):
+    tests = find_tests(names)
+    pairs = [(tests[0][name], place) for test in tests for name, place in test.items()]
+    if any(names[a] != names[b] or not columns[a].equals(columns[b]) for a, b in pairs):  # else copies
         columns, places = stack_tests(columns, tests, file.titles, file.decimal)
         names, rows = columns.column_names, rows[places]
         notes.append(f"{len(tests)} tests side by side, read as runs")

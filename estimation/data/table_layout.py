@@ -9,7 +9,7 @@ from datetime import date
 
 import numpy as np
 
-from palpate.estimation.data.column_names import RUN, RUN_AFTER_UNIT, guess_columns, split_unit
+from palpate.estimation.data.column_names import RUN, RUN_AFTER_UNIT, guess_columns, quantity_in, split_unit
 from palpate.estimation.data.file_columns import pa, pc
 from palpate.estimation.data.text_dialect import MISSING
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
@@ -18,13 +18,15 @@ _MIN_COUNT = 2  # least number of repeated columns in each test; a single repeat
 _NANOSECONDS = re.compile(r"(.*?)(?:nanosecs?|nanoseconds|nsecs?)", re.IGNORECASE)
 _NUMBER = re.compile(r"[ _.(#-]*\d+\)?\s*$")
 _OF_A_PRESS = {"time", "displacement", "force"}
+_MOTIONS, _EFFORTS = {"displacement", "position", "velocity"}, {"force", "torque", "goal"}
 
 
 def find_tests(names: Sequence[str]) -> list[dict[str, int]]:
     """Find tests side by side in one table.
 
-    A column that occurs once belongs to all tests. Names may end in the number of a test, such as "Force 2".
-    Then time, displacement and force must all repeat, to distinguish tests from joints.
+    A column that occurs once belongs to all tests. A motion and an effort must repeat, unless all names are
+    unknown: other columns that occur twice are mistakes. Names may end in the number of a test, such as
+    "Force 2". Then time, displacement and force must all repeat, to distinguish tests from joints.
 
     Args:
         names: names of the columns, in their order.
@@ -33,7 +35,9 @@ def find_tests(names: Sequence[str]) -> list[dict[str, int]]:
         For each test, the index of each column by its name; empty for a single test.
     """
     if tests := _repeated_names([RUN_AFTER_UNIT.sub("", name) for name in names]):
-        return tests
+        repeated = [name for name, place in tests[0].items() if tests[1][name] != place]
+        known = {guess.quantity for guess in guess_columns(repeated)} | {*map(quantity_in, repeated)} - {""}
+        return tests if not known or (known & _MOTIONS and known & _EFFORTS) else []
     plain = []
     for name in names:
         stem, unit = split_unit(name)

@@ -89,7 +89,10 @@ def test_repeated_names_in_another_order_keep_their_columns(book):
 
 @pytest.mark.parametrize("tests", [1, 2])
 def test_runs_of_different_sheets_are_separate(book, tests):
-    rows = [[1 + row // 6, t, 2 * t, 3 * t] * tests for row, t in enumerate(T)]
+    rows = [
+        [cell for test in range(tests) for cell in (1 + row // 6, t, 2 * t, (3 + test) * t)]
+        for row, t in enumerate(T)
+    ]
     later = [[cell + 100.0 * (place % 4 == 1) for place, cell in enumerate(row)] for row in rows]
     path = book(A=[("run", *NAMES) * tests, *rows], B=[("run", *NAMES) * tests, *later])
     labels = [f"{run} {sheet}" for sheet in "AB" for run in (1, 2)]
@@ -137,7 +140,8 @@ def test_lines_may_end_in_any_way(read, end, footer):
     table = read(end.join([HEAD, *ROWS, "", HEAD, *ROWS, *footer, ""]))
     np.testing.assert_array_equal(table.numbers("Load [N]"), np.tile(2.0 * np.arange(9), 2))
     assert len(table.labels("run")[0]) == 2
-    assert ("a footer of 2 lines" in table.notes) is bool(footer)
+    notes = {"a footer of 1 line", "1 empty row at the end left out"}
+    assert notes.issubset(table.notes) is bool(footer)
 
 
 @pytest.mark.parametrize("behind", ["\r\n", " \n", "\t \r\n"])
