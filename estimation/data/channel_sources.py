@@ -16,15 +16,18 @@ from palpate.estimation.data.column_names import (
     QUANTITIES,
     TIME,
     Key,
+    Role,
     channel_pairs,
     guess_columns,
     is_angle,
     quantity_in,
     unit_in_name,
+    words_of,
 )
-from palpate.estimation.data.column_units import ColumnUnits
+from palpate.estimation.data.column_units import ColumnUnits, explain_numbers
 from palpate.estimation.data.file_columns import list_first
-from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data.import_options import NO_OPTIONS, ImportOptions
+from palpate.estimation.data.table import Table
 from palpate.estimation.data.table_layout import clocks_of
 from palpate.estimation.data.text_dialect import NAMELESS
 from palpate.estimation.data.units import dimension_of
@@ -32,6 +35,7 @@ from palpate.robot_io.errors import InputError
 
 # Usual units of the quantities of a channel.
 _UNITS = {"displacement": "mm", "force": "N", "position": "rad", "torque": "Nm"}
+_JOINT_WORDS = frozenset(["q", "tau", "joint", "current", "torque"])  # in names of joints' columns
 _RISES = 0.9  # least share of rows in which a clock rises; it may restart in each run
 _MIN_COLUMNS = 3  # least number of columns of which one may be a clock
 
@@ -167,7 +171,7 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         name, dimension = guess.column, dimension_by_name[guess.column]
         by_unit = (quantity for quantity in _UNITS if dimension in QUANTITIES[quantity])
         quantity = guess.quantity or quantity_in(name) or next(by_unit, "")
-        if table.numeric_share(name) > 0.5:
+        if table.numeric_share(name) > 0.5 and (quantity != "time" or _is_clock(table, name)):
             found.setdefault(quantity, name)
     found |= {key[0]: assigned.column for key, assigned in columns.assigned.items()}
     if found.keys().isdisjoint(EFFORTS):
@@ -184,17 +188,27 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
     options = [f"--column time={shlex.quote(found['time'])}"] if "time" in found else []
     given = {key[0]: assigned.unit for key, assigned in columns.assigned.items()}
     for quantity in ("position", "torque") if turns else ("displacement", "force"):
-        unit = _UNITS[quantity]
         if quantity not in found:
-            options.append(f"--column {quantity}_{unit}=COLUMN")
+            options.append(f"--column {quantity}=COLUMN")
             continue
         options.append(f"--column {quantity}={shlex.quote(found[quantity])}")
         dimension = dimension_by_name[found[quantity]]
         if quantity in given and not unit_in_name(found[quantity]):
             options.append(f"--unit {quantity}={shlex.quote(given[quantity])}")
+        elif dimension is None:
+            role = Role(quantity, 0, "")
+            missing = ColumnUnits(table, NO_OPTIONS).missing({role.key: (role, found[quantity])})
+            options += [option for _, option in missing]
         elif dimension not in QUANTITIES[quantity]:  # the leading 1 overrides the unit in the column's name
-            options.append(f"--unit {quantity}={'1' if dimension else ''}{unit}")
-    return f"{needed}; name the columns, as in {' '.join(options)}"
+            options.append(f"--unit {quantity}=1{_UNITS[quantity]}")
+    return f"{needed}; name the columns, as in {explain_numbers(' '.join(options))}"
+
+
+def _is_clock(table: Table, name: str) -> bool:
+    """Return whether a column increases, possibly repeating times, and restarting in each run."""
+    table = table.select(table.filled_rows(name))
+    steps = np.diff(table.numbers(name)) if table.varies(name) else np.zeros(1)
+    return bool(np.mean(steps >= 0.0) > _RISES and np.mean(steps > 0.0) > 1.0 - _RISES)
 
 
 def _options_without_names(columns: ColumnAssignment) -> str:
@@ -212,10 +226,11 @@ def _options_without_names(columns: ColumnAssignment) -> str:
             left.remove(clock)
             valid.remove(clock)
     valid.sort(key=lambda name: np.abs(np.diff(table.numbers(name))).sum() / np.ptp(table.numbers(name)))
-    needed = [quantity for quantity in ("displacement", "force") if quantity not in given]
-    contact = map(shlex.quote, valid) if len(left) == len(valid) == len(needed) else ["COLUMN"] * len(needed)
-    options += [
-        f"--column {quantity}_{_UNITS[quantity]}={name}"
-        for quantity, name in zip(needed, contact, strict=True)
-    ]
+    is_joint = any(not _JOINT_WORDS.isdisjoint(words_of(name)) for name in table.names)
+    pair = ("position", "torque") if is_joint else ("displacement", "force")
+    needed = [quantity for quantity in pair if quantity not in given]
+    columns_of = (
+        map(shlex.quote, valid) if len(left) == len(valid) == len(needed) else ["COLUMN"] * len(needed)
+    )
+    options += [f"--column {quantity}={name}" for quantity, name in zip(needed, columns_of, strict=True)]
     return " ".join(options)

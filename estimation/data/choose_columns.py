@@ -21,7 +21,7 @@ from palpate.estimation.data.column_names import (
     quantity_in,
     unit_in_name,
 )
-from palpate.estimation.data.column_units import Chosen, ColumnUnits
+from palpate.estimation.data.column_units import Chosen, ColumnUnits, explain_numbers
 from palpate.estimation.data.table import Table
 from palpate.estimation.data.table_layout import clocks_of
 from palpate.estimation.data.units import dimension_of, si_factor
@@ -109,7 +109,8 @@ def choose_columns(
     if questions and ask:
         answers += [unit for _, unit in units.missing(chosen)]
         raise InputError(
-            f"{table.path}: {', '.join(questions)}; choose with {' '.join(dict.fromkeys(answers))}"
+            f"{table.path}: {', '.join(questions)}; choose with "
+            + explain_numbers(" ".join(dict.fromkeys(answers)))
         )
     return chosen
 

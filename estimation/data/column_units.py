@@ -57,6 +57,7 @@ _MAX_STRAIN = 2.0  # largest range of a strain without a unit that is read as a 
 _LARGE_UNITS = tuple(unit for _, unit in _MAX_RANGE.values())
 _MAX_CURRENT_A = 200.0  # largest plausible range of a current in A; a larger one is in mA
 _COUNT_OF_ENCODER = "0.00153rad"  # one of 4096 counts per turn, an example
+_FACTOR_OF_VOLT = "FACTOR"  # placeholder in advice
 _LETTERS = {("force", "t"): "tf", ("time", "d"): "day"}  # units that are known only beside their quantity
 
 
@@ -188,7 +189,9 @@ class ColumnUnits:
                 linear = ("force", role.joint) in chosen and ("torque", role.joint) not in chosen
                 unit, unknown = self._likely_unit(role, column, linear=linear), _unknown_unit(column)
                 in_capitals = dimension_of(normalize_unit(unknown.lower())) in QUANTITIES[role.quantity]
-                size = "10" if unknown and not in_capitals and not holds_counts(column) else ""
+                size = "10" if unknown and not in_capitals and not self._has_counts(role, column) else ""
+                if dimension_of(unknown) == "voltage":  # no number, which would be used as it is
+                    size, unit = _FACTOR_OF_VOLT, f"{scaled_unit(unit, '')[1]}/V"
                 missing.append((column, f"--unit {role.quantity}={size}{unit}"))
         return missing
 
@@ -205,20 +208,22 @@ class ColumnUnits:
             by_quantity = {option.partition("=")[0]: option for _, option in missing}
             by_quantity |= {o.partition("=")[0]: o for _, o in missing if o.endswith(_LARGE_UNITS)}
             options = " ".join(by_quantity.values())
-            options += ", the value of one count" * any(holds_counts(column) for column, _ in missing)
-            options += ", with the size of the unknown unit" * ("=10" in options)
+            if _FACTOR_OF_VOLT in options:
+                known = f" of a motion or effort ('{unknown}' is a voltage)"
+            options = explain_numbers(options)
             if len(missing) == 1:
                 problem = f"column {columns} states no unit{known}; give it, as in {options}"
             else:
-                unit = known.replace("is", "are", 1) if known else ""
+                unit = known.replace("that is", "that are") if known else ""
                 problem = f"columns {columns} state no units{unit}; give them, as in {options}"
             keys = POSITION, FORCE
             if set(keys) <= set(chosen) and not any(self.unit_of(*chosen[key]) for key in keys):
                 position, force = (shlex.quote(chosen[key][1]) for key in keys)
                 unit = self._likely_unit(*chosen[POSITION])
+                torque = self._likely_unit(Role("torque", 0, ""), chosen[FORCE][1])
                 problem += (
                     f"; if they belong to a revolute joint, add --column position={position} --column "
-                    f"torque={force} --unit position={unit} --unit torque=Nm"
+                    f"torque={force} --unit position={unit} --unit torque={torque}"
                 )
             raise InputError(f"{self.table.path}: {problem}")
 
@@ -294,7 +299,8 @@ class ColumnUnits:
 
     def _likely_unit(self, role: Role, column: str, *, linear: bool = False) -> str:
         """Return the SI unit (`linear`: of a linear axis), or the laboratory's if numbers are too large."""
-        values = self.table.numbers(column) if self.table.numeric_share(column) == 1.0 else np.zeros(1)
+        filled = self.table.select(self.table.filled_rows(column))
+        values = filled.numbers(column) if filled.varies(column) else np.zeros(1)
         span = float(np.ptp(values))
         if role.quantity == "time":
             step = float(np.median(np.diff(values))) if len(values) > 1 else 0.0
@@ -307,12 +313,33 @@ class ColumnUnits:
         quantity = "displacement" if is_length else role.quantity
         largest, usual = _MAX_RANGE.get(quantity, (np.inf, ""))
         if quantity == "torque" and not CURRENT.isdisjoint(words_of(column)):
-            return "A" if span < _MAX_CURRENT_A else "mA"
+            usual = "A" if span < _MAX_CURRENT_A else "mA"
+            return "0.001A" if self._has_counts(role, column) else usual
         turns = quantity in {"velocity", "acceleration"} and not linear
         si = "MPa" if "stress" in column.lower() else si_unit(QUANTITIES[quantity][int(turns)])
-        if holds_counts(column):
+        if self._has_counts(role, column):
             return _COUNT_OF_ENCODER if usual == "deg" else f"0.001{usual or si}"
         return usual if span > largest else si
+
+    def _has_counts(self, role: Role, column: str) -> bool:
+        """Return whether a column without a unit holds counts, by its name or since all numbers are whole."""
+        if holds_counts(column):
+            return True
+        table = self.table.select(self.table.filled_rows(column))
+        is_unknown = not _unknown_unit(column) and not any(self.units_above(role.quantity))
+        is_whole = is_unknown and table.varies(column) and not np.any(table.numbers(column) % 1.0)
+        return is_whole and role.unit != "strain"
+
+
+def explain_numbers(options: str) -> str:
+    """Append to options what the numbers in their units mean.
+
+    Args:
+        options: options as `ColumnUnits.missing` returns them.
+    """
+    options += ", the value of one count" * ("=0.0" in options)
+    options += f", with the value of one volt as {_FACTOR_OF_VOLT}" * (_FACTOR_OF_VOLT in options)
+    return options + ", with the size of the unknown unit" * ("=10" in options)
 
 
 def _unknown_unit(column: str) -> str:

@@ -7,6 +7,7 @@ import openpyxl
 import pytest
 
 from palpate.estimation.data.import_file import import_file
+from palpate.estimation.data.import_files import import_files
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.robot_io.errors import InputError
 from tests.files import saved
@@ -134,3 +135,68 @@ def test_unit_that_makes_numbers_too_large_is_refused(tmp_path):
     path = saved(tmp_path / "press.csv", "\n".join([HEADER, *rows(TIME_S, DEPTH_M, FORCE_N)]))
     with pytest.raises(InputError, match=r"column 'force_N' in 1e30N: .*N is too large a number"):
         import_file(path, ImportOptions(units={"force": "1e30N"}))
+
+
+ANGLE, CURRENT = np.sin(20.0 * TIME_S), np.cos(20.0 * TIME_S)
+
+
+def table_of(folder, header, *columns):
+    path = folder / "table.csv"
+    np.savetxt(path, np.column_stack(columns), delimiter=",", header=header, comments="", fmt="%.9g")
+    return path
+
+
+def refusal(path):
+    with pytest.raises(InputError) as caught:
+        import_file(path)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        ("pos (5),current (5)", "--unit position=0.00153rad --unit torque=0.001A, the value of one count"),
+        ("pos_1,pos_2,current_1", "--unit torque=0.001A, the value of one count"),
+        ("position,load", "--unit position=0.001mm --unit force=0.001N, the value of one count"),
+    ],
+)
+def test_whole_numbers_are_asked_for_the_value_of_one_count(tmp_path, names, said):
+    columns = [np.round(2000.0 * ANGLE), *[np.round(100.0 * CURRENT)] * names.count(",")]
+    path = table_of(tmp_path, f"time_s,{names}", TIME_S, *columns)
+    assert said in refusal(path)
+    rows = path.read_text(encoding="utf-8").splitlines()  # an empty cell must not hide the columns to choose
+    rows[1] = f"{rows[1].split(',')[0]}{',' * (1 + names.count(','))}"
+    assert said in refusal(saved(path, "\n".join(rows)))
+    fractions = table_of(tmp_path, f"time_s,{names}", TIME_S, *(column + 0.5 for column in columns))
+    assert "count" not in refusal(fractions)
+
+
+def test_a_position_in_volts_is_asked_for_the_value_of_one_volt(tmp_path):
+    path = table_of(tmp_path, "time_s,current_A,encoder_V", TIME_S, CURRENT, ANGLE)
+    assert refusal(path).endswith("--unit position=FACTORrad/V, with the value of one volt as FACTOR")
+    (channel,) = import_file(path, ImportOptions(units={"position": "0.5rad/V"})).channels
+    np.testing.assert_allclose(channel.position, 0.5 * ANGLE, atol=1e-8)
+
+
+def test_columns_that_occur_twice_are_tests_only_with_another_motion_and_effort(tmp_path):
+    goals, joint = "target_current_0,target_current_1", "actual_q_0 [rad],actual_current_0 [A]"
+    path = table_of(tmp_path, f"time_s,{joint},{goals},{goals}", TIME_S, ANGLE, CURRENT, *[CURRENT] * 4)
+    assert len(import_file(path).channels[0].runs) == 1
+    for factor, runs in ((1.0, 1), (2.0, 2)):
+        columns = (ANGLE, CURRENT, ANGLE, factor * CURRENT)
+        path = table_of(tmp_path, "time_s,q [rad],tau [Nm],q [rad],tau [Nm]", TIME_S, *columns)
+        assert len(import_file(path).channels[0].runs) == runs
+
+
+def test_only_a_column_that_increases_is_proposed_as_the_time(tmp_path):
+    names = "interval(ms),time(ms),position_slave_deg,force_slave,position_master_deg"
+    interval = 1.0 + np.arange(len(TIME_S)) % 3
+    path = table_of(tmp_path, names, interval, np.cumsum(interval), ANGLE, CURRENT, CURRENT)
+    assert "--column time='time(ms)' --column position" in refusal(path)
+
+
+def test_files_named_after_joints_are_proposed_as_joints(tmp_path):
+    for name, columns in {"t": TIME_S, "q_filter": [ANGLE] * 2, "tau_filter": [CURRENT] * 2}.items():
+        np.savetxt(tmp_path / f"{name}.txt", np.transpose(columns))
+    with pytest.raises(InputError, match=r"--column time=t --column position=COLUMN --column torque=COLUMN$"):
+        import_files([tmp_path / f"{name}.txt" for name in ("q_filter", "t", "tau_filter")], ImportOptions())

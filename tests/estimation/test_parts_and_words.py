@@ -74,7 +74,7 @@ def test_a_current_is_not_preferred_to_a_torque_without_units(tmp_path):
         (
             "Voltage [V],Test 1 [g],Test 2 [g]",
             (1.0, 2.0, 3.0),
-            "displacement_mm=COLUMN --column force='Test 1",
+            "displacement=COLUMN --column force='Test 1",
         ),
     ],
 )
@@ -230,10 +230,10 @@ def test_nanoseconds_are_added_to_whole_seconds(tmp_path):
 def test_columns_without_names_are_proposed_by_their_shape(tmp_path):
     noisy = FORCE_N + 0.2 * np.random.default_rng(3).standard_normal(len(FORCE_N))
     message = refusal(saved(tmp_path / "three.csv", lines(noisy, TIME_S, WAY_M)))
-    ending = "--column time='column 2' --column displacement_mm='column 3' --column force_N='column 1'"
+    ending = "--column time='column 2' --column displacement='column 3' --column force='column 1'"
     assert message.endswith(ending)
     message = refusal(saved(tmp_path / "four.csv", lines(WAY_M, FORCE_N, FORCE_N, WAY_M)))
-    assert message.endswith("as in --column displacement_mm=COLUMN --column force_N=COLUMN")
+    assert message.endswith("as in --column displacement=COLUMN --column force=COLUMN")
 
 
 @pytest.mark.parametrize("last", ["constant", "one empty cell"])
@@ -241,14 +241,14 @@ def test_clock_of_columns_without_names_is_never_proposed_as_the_motion(tmp_path
     cells = ["5"] * len(TIME_S) if last == "constant" else [*map(str, FORCE_N[:-1]), ""]
     rows = zip(TIME_S, WAY_M, cells, strict=True)
     path = saved(tmp_path / "own.csv", "".join(f"{t},{x},{cell}\n" for t, x, cell in rows))
-    proposed = "--column time='column 1' --column displacement_mm=COLUMN --column force_N=COLUMN"
+    proposed = "--column time='column 1' --column displacement=COLUMN --column force=COLUMN"
     assert refusal(path).endswith(proposed)
 
 
 def test_proposed_columns_keep_the_units_that_are_given(tmp_path):
     path = saved(tmp_path / "own.csv", "time_s,w,load\n" + lines(TIME_S, WAY_M, FORCE_N))
     message = refusal(path, columns={"force_kN": "load"})
-    assert message.endswith("--column displacement_mm=COLUMN --column force=load --unit force=kN")
+    assert message.endswith("--column displacement=COLUMN --column force=load --unit force=kN")
     path = saved(tmp_path / "own.csv", "time_s,position_1_mm,force_2_N\n" + lines(TIME_S, WAY_M, FORCE_N))
     assert refusal(path).endswith("--column displacement=position_1_mm --column force=force_2_N")
 
@@ -256,4 +256,4 @@ def test_proposed_columns_keep_the_units_that_are_given(tmp_path):
 def test_a_column_without_any_cell_is_not_reported_as_invalid(tmp_path):
     rows = "".join(f"{t},{f},\n" for t, f in zip(TIME_S, FORCE_N, strict=True))
     path = saved(tmp_path / "title.csv", "Time (s),Load (N),D105\n" + rows)
-    assert "--column displacement_mm=COLUMN --column force='Load (N)'" in refusal(path)
+    assert "--column displacement=COLUMN --column force='Load (N)'" in refusal(path)

@@ -295,10 +295,10 @@ def test_speeds_and_torques_of_named_motors_are_joints_and_the_proposed_units_ca
 @pytest.mark.parametrize(
     ("names", "proposed"),
     [
-        ("time_s,tau,tauIden", "--column position_rad=COLUMN --column torque=tau --unit torque=Nm"),
-        ("time_s,Torque [Nm],temp", "--column position_rad=COLUMN --column torque='Torque [Nm]'"),
-        ("time_s,Fx,Fz,Tx,Ty,Tz", "--column displacement_mm=COLUMN --column force=Fz --unit force=N"),
-        ("time_s,force,Frame", "--column displacement_mm=COLUMN --column force=force --unit force=N"),
+        ("time_s,tau,tauIden", "--column position=COLUMN --column torque=tau --unit torque=Nm"),
+        ("time_s,Torque [Nm],temp", "--column position=COLUMN --column torque='Torque [Nm]'"),
+        ("time_s,Fx,Fz,Tx,Ty,Tz", "--column displacement=COLUMN --column force=Fz --unit force=N"),
+        ("time_s,force,Frame", "--column displacement=COLUMN --column force=force --unit force=N"),
         (
             "time_ms,position_slave,force_slave,position_slave_deg,position_master_deg",
             "--column position=position_slave_deg --column torque=force_slave --unit torque=Nm",
