@@ -195,12 +195,11 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         dimension = dimension_by_name[found[quantity]]
         if quantity in given and not unit_in_name(found[quantity]):
             options.append(f"--unit {quantity}={shlex.quote(given[quantity])}")
-        elif dimension is None:
+        elif dimension not in QUANTITIES[quantity]:  # the leading 1 overrides the unit in the column's name
             role = Role(quantity, 0, "")
             missing = ColumnUnits(table, NO_OPTIONS).missing({role.key: (role, found[quantity])})
-            options += [option for _, option in missing]
-        elif dimension not in QUANTITIES[quantity]:  # the leading 1 overrides the unit in the column's name
-            options.append(f"--unit {quantity}=1{_UNITS[quantity]}")
+            counts = (option for _, option in missing if not dimension and "=0.0" in option)
+            options.append(next(counts, f"--unit {quantity}={'1' if dimension else ''}{_UNITS[quantity]}"))
     return f"{needed}; name the columns, as in {explain_numbers(' '.join(options))}"
 
 

@@ -193,6 +193,8 @@ def test_only_a_column_that_increases_is_proposed_as_the_time(tmp_path):
     interval = 1.0 + np.arange(len(TIME_S)) % 3
     path = table_of(tmp_path, names, interval, np.cumsum(interval), ANGLE, CURRENT, CURRENT)
     assert "--column time='time(ms)' --column position" in refusal(path)
+    columns = (interval, np.cumsum(interval), ANGLE, np.round(100.0 * CURRENT), CURRENT)
+    assert refusal(table_of(tmp_path, names, *columns)).endswith("torque=0.001Nm, the value of one count")
 
 
 def test_files_named_after_joints_are_proposed_as_joints(tmp_path):
