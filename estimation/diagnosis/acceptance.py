@@ -16,7 +16,7 @@ from palpate.estimation.budget.laws import GRAVITY_RANGE
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.data.derivatives import grid_step
 from palpate.estimation.design.discrimination import SMALL
-from palpate.estimation.diagnosis.bootstrap import encoder_step_error, improvement_test
+from palpate.estimation.diagnosis.bootstrap import encoder_step_error, improvement_test, smoothing_error
 from palpate.estimation.diagnosis.candidates import (
     Candidate,
     cross_validated_error,
@@ -34,7 +34,7 @@ from palpate.estimation.diagnosis.forms import (
 from palpate.estimation.diagnosis.search import LEVEL, NEAR, Search, backward_step
 from palpate.estimation.effect import Effect
 from palpate.estimation.fit.fit_result import FitResult
-from palpate.estimation.fit.measurement_model import MeasurementModel
+from palpate.estimation.fit.measurement_model import MeasurementModel, identify_measurement_model
 from palpate.estimation.fit.measurement_noise import measurement_noise
 from palpate.estimation.fit.smoothing_bias import is_below_cutoff, looks_like_smoothing
 from palpate.estimation.kinds import PHYSICAL_KINDS, SENSOR_KINDS, Kind
@@ -55,6 +55,7 @@ _MAX_UNEXPLAINED = 0.1  # unexplained mean square, relative to an effect's, abov
 _FAULT_KINDS = SENSOR_KINDS | {Kind.DRIFT}  # named only if their size is certain
 _OFFSET = "bias"  # name of the effect that is a constant
 _NEARLY_ALL = 0.99  # least share of the error above the noise that a sensor fault or a drift must explain
+_SMOOTHING_TIMES = 1.25  # largest error explained by smoothing, relative to its first-order estimate
 _SAME_CURVE = 1e-3  # energy of the difference of two curves, relative to what the effect adds
 
 
@@ -593,7 +594,10 @@ def is_smoothing(reduced: FitResult, fit: FitResult) -> bool:
         return False
     before, after, problem = reduced.solution.residual, fit.solution.residual, reduced.problem
     if not is_below_cutoff(problem, before, after, fit.filters):
-        return True
+        fall = float(np.mean(before[problem.used] ** 2) - np.mean(after[problem.used] ** 2))
+        error = smoothing_error(reduced, identify_measurement_model(reduced.training))
+        if fall <= (_SMOOTHING_TIMES * error) ** 2:
+            return True
     return looks_like_smoothing(problem, problem.blocked.effort - before, before - after, fit.filters)
 
 
