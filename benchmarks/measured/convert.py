@@ -595,7 +595,7 @@ def _column(tables: Columns, spec: Mapping[str, Any], item: str, count: int) -> 
 
     `zero` is the number of first samples whose mean is subtracted, or `mean` for that of all. `item` stands
     for {} in the names of columns. `unwrap` is the period of an encoder that starts anew. `sines` adds the
-    links of a chain: the length of each times the sine of a phase and of factors times columns.
+    links of a chain: the length of each times the sine of a phase plus factors times columns.
     `signed_by` names the column whose sign the values take, where only their size was measured. Values of
     at least `sign_bit` (in the output's unit) are negative: some servos report the size with this bit set.
     """

@@ -24,7 +24,7 @@ _MOTIONS, _EFFORTS = {"displacement", "position", "velocity"}, {"force", "torque
 def find_tests(names: Sequence[str]) -> list[dict[str, int]]:
     """Find tests side by side in one table.
 
-    A column that occurs once belongs to all tests. A motion and an effort must repeat, unless all names are
+    A column that occurs once belongs to all tests. A motion and an effort must repeat, unless a name is
     unknown: other columns that occur twice are mistakes. Names may end in the number of a test, such as
     "Force 2". Then time, displacement and force must all repeat, to distinguish tests from joints.
 
@@ -36,8 +36,9 @@ def find_tests(names: Sequence[str]) -> list[dict[str, int]]:
     """
     if tests := _repeated_names([RUN_AFTER_UNIT.sub("", name) for name in names]):
         repeated = [name for name, place in tests[0].items() if tests[1][name] != place]
-        known = {guess.quantity for guess in guess_columns(repeated)} | {*map(quantity_in, repeated)} - {""}
-        return tests if not known or (known & _MOTIONS and known & _EFFORTS) else []
+        known = {guess.quantity or quantity_in(guess.column) for guess in guess_columns(repeated)} - {"time"}
+        if "" in known or not known or (known & _MOTIONS and known & _EFFORTS):
+            return tests
     plain = []
     for name in names:
         stem, unit = split_unit(name)

@@ -494,7 +494,7 @@ def _describe_motion_error(evidence: Evidence) -> str:
     end, unit = evidence.end, evidence.search.data.kind.effort_unit
     if is_mostly_smoothing(end, evidence.measurement):
         smoothing = with_unit(smoothing_error(end, evidence.measurement), unit)
-        return f"; smoothing of the motion, up to {smoothing}, may cause most of the error"
+        return f"; smoothing of the motion causes errors of up to {smoothing}, which may be most of the error"
     causes = {"rounding of the encoders": encoder_step_error, "smoothing of the motion": smoothing_error}
     left = np.sqrt(max(end.flexible.explained, 0.0) / max(end.problem.used.sum(), 1))
     if end.explainable_share() > SMALL:

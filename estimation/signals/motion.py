@@ -127,8 +127,8 @@ def is_stepwise_command(data: ChannelData) -> bool:
     other times. More than three evenly spaced values may be a rounded measurement of real steps, and are not
     called a command, unless the effort is constant in each run while the velocity changes by half or more:
     readings of a sensor would change there too. Two opposite values, and never zero between them, are always
-    a command, because a sensor that rounds has a reading near zero. So are values that are not multiples of
-    one step apart.
+    a command, because a sensor that rounds has a reading near zero. So are values whose
+    distances are not multiples of the smallest one.
 
     Args:
         data: the channel.
@@ -141,8 +141,11 @@ def is_stepwise_command(data: ChannelData) -> bool:
         accelerates = [np.ptp(speed) > _HALF * np.max(np.abs(speed)) for speed in speeds]
         return len(levels) > 1 and bool(np.mean(accelerates) > _HALF)
     distances = np.diff(levels)
-    off_grid = np.abs(distances / distances.min() - np.round(distances / distances.min()))
-    if off_grid.max() > _OFF_GRID or (len(levels) == 2 and levels[0] == -levels[1]):
+    in_steps = distances / distances.min()
+    is_off_grid = (
+        distances.min() > _EVEN * np.ptp(levels) and np.abs(in_steps - np.round(in_steps)).max() > _OFF_GRID
+    )
+    if is_off_grid or (len(levels) == 2 and levels[0] == -levels[1]):
         return True
     if len(levels) > _FEWEST_ROUNDED and np.ptp(distances) < _EVEN * distances.mean():
         return False

@@ -247,7 +247,8 @@ def find_changes(series: Series, level: float) -> list[TrendChange]:
                 ]
             )
             # the step's own difference is no scatter
-            weights = 1.0 / (_spread_squared((values - stepped)[None], std_errs) + std_errs**2)[0]
+            scatter = _spread_squared((values - stepped)[None], std_errs)[0]
+            weights = 1.0 / (np.maximum(scatter, 1e-12 * np.mean(values**2)) + std_errs**2)
             before, after = (float(np.average(values[side], weights=weights[side])) for side in sides)
             std_err = float(np.sqrt(sum(1.0 / weights[side].sum() for side in sides)))
             change = TrendChange("step", begin + place, end - 1, before, after, std_err, p_value)
@@ -272,7 +273,7 @@ def _spread_squared(values: FloatArray, std_errs: FloatArray | float) -> FloatAr
     367).
     """
     total = 0.5 * np.mean(np.diff(values, axis=1) ** 2, axis=1, keepdims=True)
-    tiny = np.finfo(float).tiny + 1e-12 * np.mean(values**2, axis=1, keepdims=True)
+    tiny = 1e-200 + 1e-12 * np.mean(values**2, axis=1, keepdims=True)
     return np.asarray(np.maximum(total - np.mean(np.square(std_errs)), tiny))
 
 

@@ -172,7 +172,11 @@ def export_scenario(base: Scenario, fitted: Sequence[FittedChannel], description
             values_of[effect][own] = value
         if "asymmetric_friction" in values_of:  # the simulator has one viscosity for both directions
             _, viscous = mean_of_directions(values_of["asymmetric_friction"])
-            values_of["viscous_friction"]["d"] = values_of["viscous_friction"].get("d", 0.0) + viscous
+            total = values_of["viscous_friction"].get("d", 0.0) + viscous
+            values_of["viscous_friction"]["d"] = max(total, 0.0)
+            if total < 0.0:
+                falling = f"friction that falls with speed ({total:.3g} N m s/rad)"
+                left_out.append(f"{channel.name}: {falling} is simulated as constant")
         by_channel.append((channel, dict(values_of)))
     contacts = [fit.name for fit, effects in by_channel if fit.is_contact and "deadband" in effects]
     # effects of the whole arm, and the channel in which each was found first

@@ -1,7 +1,7 @@
 """Table of how each simulator format represents each effect of a joint, or why it cannot."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from math import isfinite
 
@@ -224,10 +224,7 @@ def express(
             for key, number in numbers.items():
                 if key not in OF_ARM:
                     before = own.get(key, TermValue(0.0, ()))
-                    total = before.number + number
-                    if effect == "asymmetric_friction":  # its viscous part alone may be negative
-                        total = max(total, 0.0)
-                    own[key] = TermValue(total, before.fitted + fitted)
+                    own[key] = TermValue(before.number + number, before.fitted + fitted)
                     continue
                 half = max(each.half_interval for each in parameters.values())
                 rank = half if isfinite(half) else float("inf")
@@ -243,6 +240,8 @@ def express(
                 for name, each in parameters.items()
                 if each.interval[0] <= 0.0 <= each.interval[1]
             ]
+        if "asymmetric_friction" in joint.by_effect:  # its viscous part alone may be negative
+            own = {key: replace(value, number=max(value.number, 0.0)) for key, value in own.items()}
         name = names[joint.number - 1] if joint.number <= len(names) else joint.name
         targets.append(TargetJoint(joint.name, name, own, tuple(lost)))
         left_out += [f"{joint.name}: {line}" for line in lost]

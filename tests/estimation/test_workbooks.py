@@ -10,6 +10,7 @@ import pytest
 from palpate.estimation.data.file_columns import FileColumns
 from palpate.estimation.data.import_file import import_file, import_table
 from palpate.estimation.data.table import read_table, table_of
+from palpate.estimation.data.table_layout import find_tests
 from palpate.robot_io.errors import InputError
 
 NAMES = ("Time [s]", "Travel [mm]", "Load [N]")
@@ -160,3 +161,15 @@ def test_words_below_a_header_are_named_as_no_numbers(read):
 def test_row_without_its_last_numbers_is_no_footer(read, cut):
     with pytest.raises(InputError, match="line 11"):
         read("\n".join([HEAD, *ROWS, cut])).numbers("Load [N]")
+
+
+@pytest.mark.parametrize(
+    ("names", "tests"),
+    [
+        (["Time", "Kanal A", "Kanal B"] * 2, 2),  # unknown names may hold anything
+        (["Time", "Force", "Travel"] * 2, 2),
+        (["Time", "Force", "Travel", "Force"], 0),  # a column that was written twice
+    ],
+)
+def test_side_by_side_tests_repeat_a_motion_and_an_effort(names, tests):
+    assert len(find_tests(names)) == tests

@@ -154,7 +154,11 @@ def test_interval_is_stated_or_why_there_is_none(known, words):
         (0.5, (0.01, 0.2), "smoothing of the motion, up to 0.2 N, may cause the 0.05 N"),
         (0.5, (0.01, 0.02), ""),
         (0.0, (0.1, 0.2), ""),
-        (0.0, (0.01, 0.8), "smoothing of the motion, up to 0.8 N, may cause most of the error"),
+        (
+            0.0,
+            (0.01, 0.8),
+            "smoothing of the motion causes errors of up to 0.8 N, which may be most of the error",
+        ),
     ],
 )
 def test_errors_of_the_motion_are_named_where_they_may_cause_what_is_explainable(

@@ -59,6 +59,11 @@ def test_error_of_a_step_comes_from_the_scatter_whatever_the_size_of_the_step(si
     assert np.mean(errors) == pytest.approx(0.03 * np.sqrt(2 / 20), rel=0.15)
 
 
+def test_step_without_any_scatter_is_found():
+    (change,) = find_changes(series(np.repeat([0.0, 1.0], 20), np.zeros(40)), LEVEL / 10)
+    assert (change.kind, change.first, change.before, change.after) == ("step", 20, 0.0, 1.0)
+
+
 def test_drift_is_no_step_and_its_size_is_known():
     (change,) = find_changes(nights(np.random.default_rng(2), np.linspace(1.0, 1.3, 80)), LEVEL / 10)
     assert change.kind == "drift"
