@@ -130,7 +130,7 @@ def is_mostly_smoothing(fit: FitResult, measurement: MeasurementModel) -> bool:
         fit: the model.
         measurement: how motion and effort were measured.
     """
-    return smoothing_error(fit, measurement) ** 2 > _MOST * fit.held_out_mean_square
+    return smoothing_error(fit, measurement) ** 2 > _MOST * fit.rmse**2
 
 
 def _motion_error(fit: FitResult, motion: ChannelData) -> float:
