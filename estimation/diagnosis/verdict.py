@@ -461,8 +461,8 @@ def _reason(
             times = f", {rounded(last / noise, 2)} times the noise," if noise > 0.0 else ""
             nothing = f"the remaining error{times} depends on no recorded signal"
         if evidence.complete:
-            remarks = f"{_describe_motion_error(evidence)}{_describe_oscillation(evidence.end)}"
-            return f"{decrease}, and {nothing}{remarks}{beyond}"
+            motion_error = "" if evidence.leaves_only_noise else _describe_motion_error(evidence)
+            return f"{decrease}, and {nothing}{motion_error}{_describe_oscillation(evidence.end)}{beyond}"
         return f"{decrease}{beyond}; {left}"
     reason = f"the error is {with_unit(last, unit)}{beyond}; {left}"
     if not ranking or ranking[0].score < SMALL:
