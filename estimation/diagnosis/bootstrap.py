@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from palpate.estimation.channel import ChannelData
+from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.derivatives import grid_step
 from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.effect import Effect
@@ -114,10 +114,14 @@ def encoder_step_error(fit: FitResult, measurement: MeasurementModel) -> float:
 def smoothing_error(fit: FitResult, measurement: MeasurementModel) -> float:
     """Compute the error that the smoothing of derived motion causes, root mean square on blocks [effort].
 
+    The result is 0 for a contact: its motion has corners, at which this estimate is far too large.
+
     Args:
         fit: the model.
         measurement: how motion and effort were measured.
     """
+    if fit.data.kind is ChannelKind.CONTACT:
+        return 0.0
     data, zero = fit.data, np.zeros(len(fit.data))
     removed = [exact - bent for exact, bent in zip(measurement.exact, measurement.bent, strict=True)]
     return _motion_error(fit, shifted_motion(data, zero, *removed))

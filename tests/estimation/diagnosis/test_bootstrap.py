@@ -19,6 +19,7 @@ from palpate.estimation.diagnosis.bootstrap import (
     improvement_test,
     lack_of_fit_test,
     sequential_test,
+    smoothing_error,
 )
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import fit_model
@@ -26,7 +27,7 @@ from palpate.estimation.fit.measurement_model import identify_measurement_model
 from palpate.estimation.models import MODELS
 from palpate.estimation.signals.blocks import since_start
 from tests.estimation.presses import kelvin_voigt, session
-from tests.estimation.swings import read, swings
+from tests.estimation.swings import read, smoothed, swings
 
 PRESS, SWING = (MODELS[name]().build(ModelContext()) for name in ("kelvin_voigt", "pendulum"))
 SEEDS = range(2)
@@ -250,6 +251,18 @@ def test_slow_encoder_error_is_at_most_half_a_step(encoders, slope, is_of_steps)
     assert fit.explainable_share() > bootstrap.SMALL
     assert bool(left <= off**2) is is_of_steps
     assert not encoder_step_error(fit_model(made, PRESS, {}), identify_measurement_model(made))
+
+
+def test_smoothing_error_is_what_the_filter_removes_from_a_torque():
+    true = swings(6)
+    derived = smoothed(true, 28)
+    fit = fit_model(derived, SWING, {})
+    removed = fit.parameters["pendulum.inertia"].value * (true.acceleration - derived.acceleration)
+    error = smoothing_error(fit, identify_measurement_model(derived))
+    expected = np.sqrt(np.mean(fit.problem.blocked.reduce(removed)[fit.problem.used] ** 2))
+    assert error == pytest.approx(expected, rel=0.3)
+    press = session(0, lambda t, x, v, run: kelvin_voigt(x, v))
+    assert not smoothing_error(fit_model(press, PRESS, {}), identify_measurement_model(press))
 
 
 @pytest.mark.parametrize("step", [0.0, 0.05])
