@@ -638,8 +638,8 @@ def _tables(recipe: Mapping[str, Any], origin: Origin) -> Iterator[tuple[str, li
     `apart`: options of those of these files that are read in another way. `clocks`: column with the time of
     each of these files, and what to add to it [s]; their numbers are interpolated at the times of the first.
     `backwards`: those of these files whose rows are read in reverse order. `chain`: columns that are made of
-    others, one below the other. `each`: texts that stand for {} in the recipe's columns, a run each.
-    `restarts`: the column that falls where a new run begins.
+    others, one below the other. `order`: the column by which the rows are sorted. `each`: texts that stand
+    for {} in the recipe's columns, a run each. `restarts`: the column that falls where a new run begins.
     """
     read, paths = recipe["read"], _files(recipe, origin)
     joined, apart = read.get("join", []), read.get("apart", {})
@@ -664,6 +664,10 @@ def _tables(recipe: Mapping[str, Any], origin: Origin) -> Iterator[tuple[str, li
             tables = [
                 {name: np.concatenate([table[key] for key in keys]) for name, keys in chain.items()}
                 for table in tables
+            ]
+        if key := read.get("order"):
+            tables = [
+                {name: values[np.argsort(table[key])] for name, values in table.items()} for table in tables
             ]
         if clock := read.get("restarts"):
             tables = [run for table in tables for run in _split(table, str(clock))]

@@ -86,6 +86,13 @@ def test_reading_whose_sign_bit_is_set_is_negative(tmp_path):
     assert table["torque_Nm"] == [40.0, -50.0]
 
 
+def test_rows_are_sorted_by_the_column_of_their_order(tmp_path):
+    (tmp_path / "map.txt").write_text("2 6\n0 4\n1 5\n")
+    columns = {"time_s": "0", "force_N": "1"}
+    table = converted(tmp_path, columns, format="text", files=["map.txt"], order="0")
+    assert table == {"time_s": [0, 1, 2], "force_N": [4, 5, 6], "run": [0, 0, 0]}
+
+
 def test_conversion_scales_zeroes_and_numbers_runs(tmp_path):
     table = trials(tmp_path)
     assert table["run"] == [0] * 6 + [1] * 6
