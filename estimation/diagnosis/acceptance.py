@@ -50,7 +50,7 @@ _MIN_GAIN = 0.01
 # Ratio of the interval at `LEVEL` to the 95 % interval.
 _INTERVAL_RATIO = NormalDist().inv_cdf(1.0 - 0.5 * LEVEL) / NormalDist().inv_cdf(0.975)
 _MIN_SHARE = 0.02  # least share of the error that a kind must account for
-_MIN_OF_UNEXPLAINED = 0.25  # least mean square of an effect, relative to the unexplained one
+MIN_OF_UNEXPLAINED = 0.25  # least mean square of an effect, relative to the unexplained one
 _MAX_UNEXPLAINED = 0.1  # unexplained mean square, relative to an effect's, above which another may explain it
 _FAULT_KINDS = SENSOR_KINDS | {Kind.DRIFT}  # named only if their size is certain
 _OFFSET = "bias"  # name of the effect that is a constant
@@ -178,7 +178,7 @@ class FormCriteria:
         self._is_as_good = share_left <= min(partial.budget.unexplained / AS_GOOD, 1.0 - MOST_OF_LAW)
         # An effect that explains less than a flexible regression of the residual may imitate the residual.
         base, flexible = search.start.held_out_mean_square, fit.flexible.explained / count
-        self._least = max(SMALL * base, flexible, _MIN_OF_UNEXPLAINED * self._unexplained)
+        self._least = max(SMALL * base, flexible, MIN_OF_UNEXPLAINED * self._unexplained)
         # A clear effect is larger than the noise, or than a small share of the base model's error.
         self._smallest = min(noise**2, SMALL * base)
         self._unnamed = max(self._unexplained, flexible)

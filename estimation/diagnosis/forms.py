@@ -196,7 +196,13 @@ def error_of_kinds(start: FitResult, *, with_laws: bool = True) -> HeldOutError:
     laws = flexible_laws(
         blocked, refitted, effort, solution.residual, used, slope=slope, has_weight=has_weight
     )
-    return HeldOutError(base, laws, target, blocked, used)
+    error = HeldOutError(base, laws, target, blocked, used)
+    if not is_contact or Kind.FRICTION not in error.kinds:
+        return error
+    # Friction acts inside the object, which only pushes, or on the sides of the tool: the data decide.
+    inside = [replace(law, one_sided=law.one_sided or Kind.FRICTION in law.kinds) for law in laws]
+    errors = error, HeldOutError(base, inside, target, blocked, used)
+    return min(errors, key=lambda error: error.mean_square(frozenset({Kind.FRICTION})))
 
 
 def _slope_by_position(fit: FitResult) -> FloatArray:

@@ -150,6 +150,7 @@ class NoiseFloor(_Entry):
     value: float  # held-out error of a complete model
     source: NoiseSource = NoiseSource.FLEXIBLE  # method of estimation
     at_most: bool = True  # whether it is only an upper bound
+    motion: bool = False  # whether reading errors of the motion are a relevant part of it
     free_air: float | None  # noise before the first touch of each run; None if there is no free air
     share_left: float  # share of the final error on blocks that a flexible regression still explains
 

@@ -19,6 +19,7 @@ from palpate.estimation.design.next_experiment import (
 )
 from palpate.estimation.diagnosis.acceptance import (
     AS_GOOD,
+    MIN_OF_UNEXPLAINED,
     FormCriteria,
     as_good_effects,
     indistinguishable_models,
@@ -253,8 +254,12 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
     verdict = Verdict.MISSING if accepted else Verdict.ADEQUATE if evidence.complete else Verdict.UNEXPLAINED
     budget, rest = _budget(evidence)
     base, last = evidence.stages[0], evidence.stages[-1]
+    has_structure = bool(budget or evidence.signals)
+    if last.rmse <= (1.0 + SMALL) * noise.value:  # then, signals explain too little to tell which ones
+        explained, left = sum(entry.share for entry in budget), rest.noise + rest.unexplained
+        has_structure = explained >= MIN_OF_UNEXPLAINED * left
     within_bound = noise.is_bound and last.rmse <= SLOW * noise.value
-    if verdict is Verdict.UNEXPLAINED and within_bound and not budget and not evidence.signals:
+    if verdict is Verdict.UNEXPLAINED and within_bound and not has_structure:
         unit = search.data.kind.effort_unit
         reason = (
             f"{_explained_variance(evidence)}, and its whole error of {with_unit(last.rmse, unit)} may be "
@@ -302,6 +307,7 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
             value=noise.value,
             source=noise.source,
             at_most=noise.is_bound,
+            motion=noise.includes_motion,
             free_air=free_air_noise(search.data),
             share_left=end.explainable_share(),
         ),

@@ -137,16 +137,33 @@ class MeasurementNoise:
         source = NoiseSource.MODEL if error < _CLEARLY_BELOW * self.value else self.source
         return replace(self, value=error, source=source)
 
+    @property
+    def includes_motion(self) -> bool:
+        """Whether reading errors of the motion are a relevant part of a known noise."""
+        return self.effort is not None and self.value > _SHOWS * self.effort
+
     def describe(self, unit: str) -> str:
-        """Return the noise in words, with motion errors that matter: "at most 0.031 N, from repeated runs".
+        """Return the noise in words, see `describe_noise`.
 
         Args:
             unit: unit of the effort.
         """
-        size = with_unit(self.value, unit)
-        motion = self.effort is not None and self.value > _SHOWS * self.effort
-        source = f"{self.source.value} and errors of the motion" if motion else self.source.value
-        return f"{'at most ' if self.is_bound else ''}{size}, from {source}"
+        return describe_noise(
+            with_unit(self.value, unit), self.source, at_most=self.is_bound, motion=self.includes_motion
+        )
+
+
+def describe_noise(size: str, source: NoiseSource, *, at_most: bool, motion: bool) -> str:
+    """Describe a noise level: "at most 0.031 N, from repeated runs".
+
+    Args:
+        size: noise level with its unit.
+        source: method of estimation.
+        at_most: whether the level is only an upper bound.
+        motion: whether reading errors of the motion are a relevant part of it.
+    """
+    cause = f"{source.value} and errors of the motion" if motion else source.value
+    return f"{'at most ' if at_most else ''}{size}, from {cause}"
 
 
 _KNOWN = WeakKeyDictionary[FitResult, MeasurementNoise]()
@@ -188,7 +205,9 @@ def _estimate_noise(base: FitResult) -> MeasurementNoise:
         base.model.predict(with_derived_signals(motion, base.data), base.solution.parameters)
         for motion in (measurement.smoothed_motion, measurement.simulate(np.random.default_rng(_SEED)))
     )
-    motion_noise = rmse(np.where(base.scored, simulated - smooth, np.nan))
+    # Where reading errors make or break contact, the prediction jumps at the surface of the base model.
+    is_steady = (smooth == 0.0) == (simulated == 0.0)
+    motion_noise = rmse(np.where(base.scored & is_steady, simulated - smooth, np.nan))
     air, fast = free_air_noise(data), fast_noise(data)
     if air and air <= bound:  # a sensor that reads zero in free air does not show its noise
         effort, effort_source = air, NoiseSource.FREE_AIR

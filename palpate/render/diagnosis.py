@@ -11,6 +11,7 @@ from palpate.estimation.diagnosis.result import NoiseFloor, RemainingError
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.estimate import rounded, with_unit
 from palpate.estimation.estimate_channel import UNPHYSICAL
+from palpate.estimation.fit.measurement_noise import describe_noise
 from palpate.estimation.kinds import Kind
 from palpate.render import palette
 from palpate.render.view import NOISE, RANGE, BudgetPart, BudgetView, VerdictView, percent
@@ -101,8 +102,8 @@ def _error_sentence(diagnosis: ChannelDiagnosis) -> str:
         return ""
     noise = ""
     if diagnosis.noise_floor is not None and diagnosis.floor is not None:
-        size, source = with_unit(diagnosis.noise_floor, unit), diagnosis.floor.source.value
-        noise = f" (noise {'at most ' if diagnosis.floor.at_most else ''}{size}, from {source})"
+        floor, size = diagnosis.floor, with_unit(diagnosis.noise_floor, unit)
+        noise = f" (noise {describe_noise(size, floor.source, at_most=floor.at_most, motion=floor.motion)})"
     if not diagnosis.accepted:
         return f"The error in held-out runs is {with_unit(after.rmse, unit)}{noise}."
     added = "it" if len(diagnosis.accepted) == 1 else "them"

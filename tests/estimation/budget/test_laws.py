@@ -110,6 +110,22 @@ def test_relaxation_law_describes_any_time_constant(tau_s, whole_budget):
     assert error.mean_square(frozenset({Kind.TIME_MEMORY})) < 5.0 * NOISE_N**2
 
 
+@pytest.mark.parametrize("is_inside", [True, False])
+def test_friction_law_acts_inside_an_object_that_lets_go_or_on_the_sides_of_the_tool(is_inside):
+    """On return, the friction lifts an object that cannot pull off the tool; at its sides it pulls."""
+
+    def friction(v):
+        return 1.5 * np.tanh(v / 1e-3)
+
+    def at_the_sides(t, x, v, run):
+        return kelvin_voigt(x, v) + friction(v) * (x > 0.0)
+
+    data = press(lambda t, x, v, run: friction(v)) if is_inside else session(4, at_the_sides)
+    error = error_of_kinds(searched(data, base=PRESS).start)
+    assert error.mean_square() > 300.0 * NOISE_N**2
+    assert error.mean_square(frozenset({Kind.FRICTION})) < 4.0 * NOISE_N**2
+
+
 def rectangles(sensor, runs=5, seconds=3.0, rate_hz=250.0):
     """A rotor under rectangles of torque, 0.1 s to 0.3 s each, read by `sensor(torque, run)`."""
     rng, step = np.random.default_rng(4), 1.0 / rate_hz

@@ -9,6 +9,7 @@ import pytest
 from scipy import stats
 
 from palpate.estimation.diagnosis.result import NoiseFloor
+from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import FitResult, fit_model
 from palpate.estimation.fit.measurement_noise import (
     MeasurementNoise,
@@ -105,6 +106,24 @@ def test_position_errors_count_as_noise_through_the_model():
         stiffness * error_m * np.sqrt(np.mean(data.engaged[base.scored])), rel=0.25
     )
     assert found.value == pytest.approx(base.rmse, rel=0.15)
+
+
+def test_contact_made_or_lost_by_a_reading_error_is_no_noise():
+    """The force of a damper jumps at the surface, which a wrong model may put among the scored samples."""
+    data = session(4)
+    errors_m = np.random.default_rng(0).normal(0.0, 1e-5, len(data))
+    data = replace(data, position=data.position + errors_m)
+    base = fit_model(data, MODEL.with_effect(EFFECTS["contact_offset"]()), {})
+    surface_m = data.position[base.scored & (data.velocity > 0.05) & (data.position > 0.001)].min()
+    parameters = {**base.solution.parameters, "contact_offset.offset": float(surface_m)}
+    moved = replace(base, solution=replace(base.solution, parameters=parameters))
+    assert measurement_noise(moved).motion == pytest.approx(measurement_noise(base).motion, rel=0.1)
+
+
+def test_noise_in_words_names_errors_of_the_motion_if_they_matter():
+    noise = MeasurementNoise(0.03, NoiseSource.FREE_AIR, 0.02, 0.022)
+    assert noise.describe("N") == "0.03 N, from free air and errors of the motion"
+    assert replace(noise, value=0.021).describe("N") == "0.021 N, from free air"
 
 
 def test_zero_readings_in_free_air_give_no_noise_estimate():
