@@ -196,6 +196,28 @@ class HeldOutError(SquaredErrors):
         return trials
 
 
+@dataclass
+class BestVariant(SquaredErrors):
+    """Smallest squared errors of several variants of a base model and its laws; the base is the first."""
+
+    variants: Sequence[HeldOutError]
+    _squares: dict[Kinds, FloatArray] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._run = self.variants[0]._run
+        self.laws = self.variants[0].laws
+
+    @property
+    def kinds(self) -> list[Kind]:
+        """See `SquaredErrors.kinds`."""
+        return self.variants[0].kinds
+
+    def residual(self, kinds: Kinds) -> FloatArray:
+        """See `SquaredErrors.residual`."""
+        variants = self.variants if kinds else self.variants[:1]
+        return min((each.residual(kinds) for each in variants), key=lambda left: float(left @ left))
+
+
 def fit_each_run(signal: FloatArray, columns: FloatArray, run: IntArray) -> FloatArray:
     """Return the residual (n,) of two-fold fits to alternating pieces of each run.
 

@@ -13,7 +13,7 @@ from enum import StrEnum
 import numpy as np
 
 from palpate.estimation.budget.budget import BudgetEntry, ErrorBudget, error_budget
-from palpate.estimation.budget.held_out import HeldOutError, Kinds, SquaredErrors
+from palpate.estimation.budget.held_out import BestVariant, HeldOutError, Kinds, SquaredErrors
 from palpate.estimation.budget.laws import BaseColumns, FlexibleLaw, flexible_laws
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.design.discrimination import SMALL
@@ -50,6 +50,7 @@ SLOW = 1.5  # ratio of the error to the noise above which the error is slower th
 _EXACT = 0.01  # largest mean square that the kind's law adds to an exact form, relative to the form's own
 _MAX_SETS = 4  # sets of kinds whose forms are compared
 _ROUNDS = 2  # rounds of backfitting
+_OFFSET = "contact_offset.offset"  # parameter of the base model for the depth of the surface
 _STEP = 1e-4  # step of a derivative by the position, relative to the range of motion
 
 
@@ -101,7 +102,7 @@ class PartiallyLinear:
     search: Search  # the channel, or a coarse copy of it
     laws: tuple[FlexibleLaw, ...]
     budget: ErrorBudget
-    error: HeldOutError
+    error: BestVariant
 
     @property
     def kinds(self) -> Kinds:
@@ -174,7 +175,7 @@ def analyze_kinds(search: Search) -> PartiallyLinear:
     return PartiallyLinear(search, tuple(error.laws), budget, error)
 
 
-def error_of_kinds(start: FitResult, *, with_laws: bool = True) -> HeldOutError:
+def error_of_kinds(start: FitResult, *, with_laws: bool = True) -> BestVariant:
     """Prepare the held-out errors of a fitted model with the flexible laws of any set of kinds.
 
     Args:
@@ -184,7 +185,7 @@ def error_of_kinds(start: FitResult, *, with_laws: bool = True) -> HeldOutError:
     blocked, solution, used = start.problem.blocked, start.solution, start.problem.used
     base, target = _base_columns(start)
     if not with_laws:
-        return HeldOutError(base, (), target, blocked, used)
+        return BestVariant([HeldOutError(base, (), target, blocked, used)])
     # A lag hardly changes a spring. If the damping were refitted too, a lag at one frequency would distort
     # it.
     has_spring = any(effect.kind is Kind.ELASTIC_SHAPE for effect in solution.model.effects)
@@ -196,13 +197,17 @@ def error_of_kinds(start: FitResult, *, with_laws: bool = True) -> HeldOutError:
     laws = flexible_laws(
         blocked, refitted, effort, solution.residual, used, slope=slope, has_weight=has_weight
     )
-    error = HeldOutError(base, laws, target, blocked, used)
-    if not is_contact or Kind.FRICTION not in error.kinds:
-        return error
-    # Friction acts inside the object, which only pushes, or on the sides of the tool: the data decide.
-    inside = [replace(law, one_sided=law.one_sided or Kind.FRICTION in law.kinds) for law in laws]
-    errors = error, HeldOutError(base, inside, target, blocked, used)
-    return min(errors, key=lambda error: error.mean_square(frozenset({Kind.FRICTION})))
+    variants = [(base, target, laws)]
+    if _OFFSET in solution.parameters:
+        # The fitted surface of a wrong model may be far from the first touch, where a better law begins.
+        at_touch = replace(start, solution=replace(solution, parameters=solution.parameters | {_OFFSET: 0.0}))
+        variants.append((*_base_columns(at_touch), laws))
+    if is_contact and any(law.kinds == {Kind.FRICTION} for law in laws):
+        # Friction acts on the sides of the tool, or inside the object, which only pushes.
+        inside = [replace(law, one_sided=law.one_sided or Kind.FRICTION in law.kinds) for law in laws]
+        variants += [(base, target, inside) for base, target, _ in variants]
+    errors = [HeldOutError(base, laws, target, blocked, used) for base, target, laws in variants]
+    return BestVariant(errors)
 
 
 def _slope_by_position(fit: FitResult) -> FloatArray:

@@ -255,7 +255,8 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
     budget, rest = _budget(evidence)
     base, last = evidence.stages[0], evidence.stages[-1]
     has_structure = bool(budget or evidence.signals)
-    if last.rmse <= (1.0 + SMALL) * noise.value:  # then, signals explain too little to tell which ones
+    if evidence.residual_finding is None and last.rmse <= (1.0 + SMALL) * noise.value:
+        # Signals explain too little to tell which ones; kinds explain a part of any noise.
         explained, left = sum(entry.share for entry in budget), rest.noise + rest.unexplained
         has_structure = explained >= MIN_OF_UNEXPLAINED * left
     within_bound = noise.is_bound and last.rmse <= SLOW * noise.value
