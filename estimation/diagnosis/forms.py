@@ -197,17 +197,21 @@ def error_of_kinds(start: FitResult, *, with_laws: bool = True) -> BestVariant:
     laws = flexible_laws(
         blocked, refitted, effort, solution.residual, used, slope=slope, has_weight=has_weight
     )
-    variants = [(base, target, laws)]
+    bases = [(base, target)]
     if _OFFSET in solution.parameters:
         # The fitted surface of a wrong model may be far from the first touch, where a better law begins.
-        at_touch = replace(start, solution=replace(solution, parameters=solution.parameters | {_OFFSET: 0.0}))
-        variants.append((*_base_columns(at_touch), laws))
-    if is_contact and any(law.kinds == {Kind.FRICTION} for law in laws):
-        # Friction acts on the sides of the tool, or inside the object, which only pushes.
-        inside = [replace(law, one_sided=law.one_sided or Kind.FRICTION in law.kinds) for law in laws]
-        variants += [(base, target, inside) for base, target, _ in variants]
-    errors = [HeldOutError(base, laws, target, blocked, used) for base, target, laws in variants]
-    return BestVariant(errors)
+        at_touch = replace(solution, parameters={**solution.parameters, _OFFSET: 0.0})
+        bases.append(_base_columns(replace(start, solution=at_touch)))
+
+    def error_with(laws: Sequence[FlexibleLaw]) -> BestVariant:
+        return BestVariant([HeldOutError(base, laws, target, blocked, used) for base, target in bases])
+
+    error = error_with(laws)
+    if not is_contact or Kind.FRICTION not in error.kinds:
+        return error
+    # Friction acts on the sides of the tool, or inside the object, which only pushes: the data decide.
+    inside = [replace(law, one_sided=law.one_sided or Kind.FRICTION in law.kinds) for law in laws]
+    return min((error, error_with(inside)), key=lambda error: error.mean_square(frozenset({Kind.FRICTION})))
 
 
 def _slope_by_position(fit: FitResult) -> FloatArray:
