@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from palpate.control.loop.tick_record import STREAM_NAME
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.data.contact import SURFACE_COLUMN, with_surface
+from palpate.estimation.data.contact import STEP_COLUMN, SURFACE_COLUMN, with_surface
 from palpate.estimation.data.import_file import ImportedData, with_arm
 from palpate.estimation.data.tick_channels import checked_ticks, contact_channels, join_ticks, joint_channels
 from palpate.estimation.data.units import MIN_INCREASE_S, describe_fault, invalid_rows
@@ -61,7 +61,9 @@ def import_streams(imported: ImportedData) -> list[tuple[Stream, Mapping[str, Ar
             columns.append((touching, channel.touching.astype(np.int32)))
         if channel.surface is not None:
             surface = Column(SURFACE_COLUMN, "m", 1, "estimated surface, from which displacement_m counts")
+            step = Column(STEP_COLUMN, "m", 1, "resolution of the displacement")
             columns.append((surface, np.full(len(channel), channel.surface.position_m)))
+            columns.append((step, np.full(len(channel), channel.position_step)))
         for name in sorted(channel.recorded):
             columns.append((Column(_CONTEXT + name, "1", 1, "as in the data file"), channel.context[name]))
         stream = Stream(channel.name, tuple(column for column, _ in columns))
@@ -112,11 +114,12 @@ def _imported_channel(name: str, samples: Samples) -> ChannelData:
     data = replace(data, recorded=frozenset(context))
     if SURFACE_COLUMN not in samples:
         return data
-    _check(name, samples, (SURFACE_COLUMN,))
-    return with_surface(data, float(samples[SURFACE_COLUMN][0]))
+    names = [column for column in (SURFACE_COLUMN, STEP_COLUMN) if column in samples]
+    _check(name, samples, names)
+    return with_surface(data, *(float(samples[column][0]) for column in names))
 
 
-def _check(name: str, samples: Samples, columns: tuple[str, ...]) -> None:
+def _check(name: str, samples: Samples, columns: Iterable[str]) -> None:
     """Raise an error if a column is missing, has another shape, or has invalid values."""
     for column in columns:
         if column not in samples:

@@ -14,7 +14,8 @@ from palpate.estimation.statistics.noise import sum_covariance
 from palpate.estimation.statistics.uncertainty import common_error_covariance, sandwich
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-SURFACE_COLUMN = "surface_m"  # column of stored channels, see `with_surface`
+# Columns of stored contacts, see `with_surface`.
+SURFACE_COLUMN, STEP_COLUMN = "surface_m", "position_step_m"
 _MIN_SAMPLES = 3  # least number of consecutive samples of a contact
 _FREE_PHASES = (Phase.FREE_AIR, Phase.APPROACH)  # the first of these phases in a run determines its noise
 
@@ -158,17 +159,19 @@ def tare_of(contacts: Sequence[Contact]) -> Tare:
     )
 
 
-def with_surface(data: ChannelData, position_m: float) -> ChannelData:
+def with_surface(data: ChannelData, position_m: float, step_m: float = 0.0) -> ChannelData:
     """Restore the surface of a stored contact, whose uncertainty follows from its samples.
 
     Args:
         data: contact of a probing session, with position from the estimated surface and untared force.
         position_m: coordinate of that surface along the press direction [m].
+        step_m: resolution of the position, 0 if it is unknown [m].
     """
+    data = replace(data, position_step=step_m)
     contacts = find_contacts(data.effort, data.run, data.phase)
     if not any(len(contact.rows) for contact in contacts):
         return data
-    above_n, step_m = data.effort - tare_of(contacts).of(data.run), data.position_step
+    above_n = data.effort - tare_of(contacts).of(data.run)
     found = find_surface(data.position, data.velocity, above_n, data.run, contacts, step_m)
     bounds = position_m + found.highest_m, position_m + found.deepest_m
     return replace(data, surface=Surface(position_m, found.std_err_m, *bounds))

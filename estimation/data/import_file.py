@@ -13,7 +13,7 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.assign_columns import ColumnAssignment, assign_columns, in_blocks
 from palpate.estimation.data.channel_sources import ChannelSource, channel_sources, check_options_are_used
 from palpate.estimation.data.column_names import TIME, Key, quantity_in, unit_in_name, words_of
-from palpate.estimation.data.contact import SURFACE_COLUMN, with_surface
+from palpate.estimation.data.contact import STEP_COLUMN, SURFACE_COLUMN, with_surface
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.import_options import NO_OPTIONS, ImportOptions
@@ -317,8 +317,9 @@ def _make_channel(
         source.name, source.kind, *motion, effort, rows.run, phase, touching=both_ways, units=units
     )
     if is_contact and SURFACE_COLUMN in columns.table.names and (rows.phase != UNKNOWN_PHASE).all():
-        surface_m = float(columns.table.numbers(SURFACE_COLUMN)[rows.order[0]])
-        return with_surface(data, surface_m) if np.isfinite(surface_m) else data
+        names = [name for name in (SURFACE_COLUMN, STEP_COLUMN) if name in columns.table.names]
+        stored = [float(columns.table.numbers(name)[rows.order[0]]) for name in names]
+        return with_surface(data, *stored) if np.isfinite(stored).all() else data
     return data
 
 

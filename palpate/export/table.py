@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from palpate.control.loop.task import Phase
 from palpate.estimation.data.channels import COLUMNS
-from palpate.estimation.data.contact import SURFACE_COLUMN
+from palpate.estimation.data.contact import STEP_COLUMN, SURFACE_COLUMN
 from palpate.estimation.data.file_columns import is_session
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.study.source import open_source
@@ -75,6 +75,7 @@ def recorded_table(path: Path, options: ImportOptions, name: str) -> pa.Table:
     columns = {"time_s": channel.time_s, "run": channel.run} | dict(zip(names, motion, strict=True))
     if channel.surface is not None:
         columns[SURFACE_COLUMN] = np.full(len(channel), channel.surface.position_m)
+        columns[STEP_COLUMN] = np.full(len(channel), channel.position_step)
     columns |= {own: channel.context[own] for own in sorted(channel.recorded)}
     table = pa.table({own: pa.array(values) for own, values in columns.items()})
     known = {int(phase): phase.name.lower() for phase in Phase}

@@ -120,7 +120,10 @@ def _words(sides: PairedComparison) -> Iterator[str]:
                 f"The error of {letter}'s model is {side.compared.lack_of_fit:.1f} times the noise level, so "
                 "its parameters mean little: add the missing effects and compare again (--revision)."
             )
-    yield from _compare_parameters(sides)
+    lacks_effects = any(
+        side.compared is not None and side.compared.lack_of_fit > FAR for side in (sides.first, sides.second)
+    )
+    yield from _compare_parameters(sides, lacks_effects=lacks_effects)
     for letter, side in pair:
         for what, correlation in (
             ("autocorrelated", side.autocorrelation),
@@ -149,7 +152,8 @@ def _describe_fit(model: ComparedModel, measured: ComparedModel) -> str:
     return f"a fit of {fit:.1f} %" + (" (worse than a constant)" if fit < 0.0 else "")
 
 
-def _compare_parameters(sides: PairedComparison) -> Iterator[str]:
+def _compare_parameters(sides: PairedComparison, *, lacks_effects: bool) -> Iterator[str]:
+    cause = ", which may come from what the models lack" if lacks_effects else ""
     known = [difference for difference in sides.differences if difference.differs is not None]
     for difference in known:
         if difference.differs:
@@ -158,7 +162,8 @@ def _compare_parameters(sides: PairedComparison) -> Iterator[str]:
             if first is not None and (first.interval[0] > 0.0 or first.interval[1] < 0.0):
                 rounded = float(f"{_TO_PERCENT * difference.value / abs(first.value):.2g}")
                 share = f" ({rounded:+z.6g} %)"
-            yield f"{difference.name} differs: {difference_text(difference)} {difference.unit}{share}."
+            size = f"{difference_text(difference)} {difference.unit}{share}"
+            yield f"{difference.name} differs: {size}{cause}."
     if known and not any(difference.differs for difference in known):
         yield "No parameter differs by more than its 95 % interval."
     if any(difference.paired_std_err is not None for difference in known):

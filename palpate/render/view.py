@@ -109,7 +109,8 @@ class BudgetPart:
     @property
     def range_text(self) -> str:
         """`range` in percent, under the header `RANGE`; empty for noise and unexplained."""
-        return f"{100 * self.range[0]:.0f} to {100 * self.range[1]:.0f} %" if self.range else ""
+        ends = dict.fromkeys(f"{100 * end:.0f}" for end in self.range or ())
+        return f"{' to '.join(ends)} %" if ends else ""
 
     @property
     def effects_text(self) -> str:

@@ -333,6 +333,7 @@ def test_channel_is_imported_again_unchanged(probed, tmp_path):
     first, again = (Study(path, keep=False).channel("contact").data for path in (probed[0], file))
     for name in ("position", "velocity", "effort", "phase"):
         np.testing.assert_array_equal(getattr(first, name)[first.run >= 0], getattr(again, name))
+    assert 0.0 < again.position_step == pytest.approx(first.position_step)
     stored = tmp_path / "again.mcap"
     done("import", file, "-o", stored)
     (expected, *_), *others = (

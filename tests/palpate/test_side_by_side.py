@@ -155,8 +155,11 @@ def test_difference_from_a_value_near_zero_has_no_percentage(first, share):
         for value in (first, first + 5.0)
     ]
     difference = ParameterDifference("bias.value", "N", *pair)
-    told = list(_compare_parameters(SimpleNamespace(differences=[difference])))
+    sides = SimpleNamespace(differences=[difference])
+    told = list(_compare_parameters(sides, lacks_effects=False))
     assert told == [f"bias.value differs: 5.0 ± 2.8 N {share}.".replace(" .", ".")]
+    (doubtful,) = _compare_parameters(sides, lacks_effects=True)
+    assert doubtful.endswith(", which may come from what the models lack.")
 
 
 def test_another_motion_is_not_paired(soft, again, tmp_path):
