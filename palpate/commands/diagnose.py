@@ -211,6 +211,7 @@ def estimate_command(
     data: DataArguments,
     *,
     model: ModelOption = None,
+    channel: Annotated[str | None, Option(help="Only this channel, such as joint_2.")] = None,
     estimator: Annotated[str | None, Option(help=_ESTIMATOR, autocompletion=estimator_names)] = None,
     every: Annotated[bool, Option("--all", help="Use all estimators.")] = False,
     as_json: JsonOption = False,
@@ -223,7 +224,8 @@ def estimate_command(
         raise InputError(f"--all and --estimator {estimator}: give only one of them")
     study = data.study(model)
     data.print_omitted()
-    estimates = study.estimate(ALL if every else DEFAULT_ESTIMATORS if estimator is None else estimator)
+    names = ALL if every else DEFAULT_ESTIMATORS if estimator is None else estimator
+    estimates = study.estimate(names, channel)
     session = study.source.session
     cut_off = session is not None and session.truncated
 
@@ -242,7 +244,7 @@ def estimate_command(
         "cut_off": cut_off,
         "channels": [as_data(each, study.truth_of(each.channel)) for each in estimates],
     }
-    again = data.command_text(model=model)
+    again = data.command_text(channel=channel, model=model)
     steps = [(f"palpate compare {again}", "how well the model fits, and where it fails")]
     if all(study.refusal(study.channel(each.channel.name)) for each in estimates):
         steps = [(f"palpate diagnose {again}", "why these data cannot judge a model")]
