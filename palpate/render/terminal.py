@@ -110,7 +110,7 @@ def _budget_table(budget: BudgetView, bars: int, *, is_beside: bool) -> Table:
         share = f"{_BOUNDS[part.bound]}{percent(part.share, bound=part.bound)}"
         effects = ",\n".join(map(safe, part.effects_text.split(", ")))  # so that no name is broken
         form = part.form if is_beside or not effects else f"{part.form}\n[dim]{effects}[/dim]"
-        bar = [_bar(part.share, part.color, bars)] * bool(bars)
+        bar = [_bar(round(part.share, 2), part.color, bars)] * bool(bars)
         made.add_row(safe(part.word), *bar, share, part.range_text, form, *[effects] * len(last))
     if bars < _NARROW:
         made.columns[0].max_width = _FOLDED
