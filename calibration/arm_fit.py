@@ -117,7 +117,14 @@ class ArmMotion:
 
 
 def motion_of(ticks: Samples) -> ArmMotion:
-    """Extract the part of a session in which the arm followed the path; raise `InputError` if too short."""
+    """Extract the part of a session in which the arm followed the path, without its first and last samples.
+
+    Args:
+        ticks: samples of the stream "tick"; those of run 0 belong to the path.
+
+    Raises:
+        InputError: there is too little motion, as after an interruption.
+    """
     excited = ticks.select(ticks["run"] == 0)
     channels = joint_channels(excited)
     if not channels or len(channels[0]) < _MIN_SAMPLES:

@@ -63,7 +63,11 @@ def cap_speed(speed_rad_s: float, limits: Limits) -> FloatArray:
 
 
 def travel_speed_rad_s(limits: Limits) -> float:
-    """Compute the speed of the fastest joint on the paths to a measurement and back [rad/s]."""
+    """Compute the speed of the fastest joint on the paths to a measurement and back [rad/s].
+
+    Args:
+        limits: limits of the guard; the joint with the smallest velocity limit determines the speed.
+    """
     return float(cap_speed(_TRAVEL_RAD_S, limits).min())
 
 

@@ -188,7 +188,14 @@ EVENT = "reference_force"
 
 
 def read_weighing(session: Session) -> Plateaus:
-    """Read the plateaus of a weighing's session; raise `InputError` without reference forces."""
+    """Read the plateaus of a weighing's session, in the order in which the forces were applied.
+
+    Args:
+        session: a session of `palpate calibrate force`; only readings with status OK are used.
+
+    Raises:
+        InputError: the session has no reference forces.
+    """
     forces_n = {e.data["run"]: float(e.data["force_n"]) for e in session.events if e.kind == EVENT and e.data}
     if not forces_n:
         raise InputError(f"{session.path}: holds no reference forces: not from palpate calibrate force")

@@ -34,6 +34,9 @@ def few_sample_factor(degrees_of_freedom: int) -> float:
 
     Student's t over the normal quantile: 1 for many and 1.2 for 7 degrees of freedom. Source: "Guide to the
     expression of uncertainty in measurement" (JCGM 100:2008), G.3.
+
+    Args:
+        degrees_of_freedom: number of samples minus number of estimated parameters, at least 1.
     """
     return float(t.ppf(_COVERED, degrees_of_freedom) / norm.ppf(_COVERED))
 

@@ -204,7 +204,11 @@ class Effect(ABC):
         return (self,)
 
     def applies_to(self, data: ChannelData) -> bool:
-        """Return whether a channel is of the right kind and has the signals that the effect needs."""
+        """Return whether a channel is of the right kind and has the signals that the effect needs.
+
+        Args:
+            data: the channel; its `context` must have all signals in `needs`.
+        """
         return data.kind in self.channels and all(name in data.context for name in self.needs)
 
 

@@ -93,7 +93,14 @@ class DisplayTable(NamedTuple):
 
 
 def interval_text(estimated: ParameterEstimate) -> str:
-    """Format a parameter's 95 % interval, and state whether it is at its search bound or not determined."""
+    """Format a parameter's 95 % interval, and state whether it is at its search bound or not determined.
+
+    Args:
+        estimated: parameter with its interval, in its unit; an unknown interval is NaN.
+
+    Returns:
+        Both ends with five digits, such as "1.2 to 3.4", or a remark instead of them or after them.
+    """
     lower, upper = estimated.interval
     if estimated.at_bound or np.isnan(lower):
         return "at its bound" if estimated.at_bound else "not determined"

@@ -188,6 +188,9 @@ class Study(ModelStudy):
     def plot(self, channel: str | None = None) -> "go.Figure":
         """Draw one channel: the error of each stage, and curves of measurement and models.
 
+        Args:
+            channel: name of the channel; None for the only one.
+
         Raises:
             InputError: there is no such channel, or there are several.
         """
@@ -196,7 +199,15 @@ class Study(ModelStudy):
         return figure(view_of(self, [self._newest_result(self._current(self.channel(channel)))]).channels[0])
 
     def report(self, path: Path | str, commands: Sequence[str] = ()) -> Path:
-        """Write the report as one HTML file; raise `InputError` if it cannot be written."""
+        """Write the report as one HTML file.
+
+        Args:
+            path: the file, replaced if it exists.
+            commands: commands that repeat the results, listed in the report.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
         from palpate.render.report import write_report  # noqa: PLC0415, as above
 
         return write_report(view_of(self, commands=commands), _path(path, "report"))
@@ -351,7 +362,17 @@ class Study(ModelStudy):
         return newest
 
     def to_export(self, numbers: Sequence[int] = ()) -> list[Revision]:
-        """Return the revisions that `export` writes."""
+        """Return the revisions that `export` writes.
+
+        If none of them is of the only contact, its base model is saved and included.
+
+        Args:
+            numbers: numbers of revisions; empty for each channel's newest one.
+
+        Raises:
+            InputError: as for `export`, or a revision is of a linear axis, which the simulated arm does not
+                have.
+        """
         if numbers:
             chosen = [self._revisions.get(number) for number in numbers]
         else:
@@ -379,7 +400,14 @@ class Study(ModelStudy):
         return chosen
 
     def exported(self, revisions: Sequence[Revision]) -> "Export":
-        """Return the simulated world of these revisions; see `export`."""
+        """Return the simulated world of these revisions; see `export`.
+
+        Args:
+            revisions: at most one of each channel.
+
+        Raises:
+            InputError: a revision cannot be exported.
+        """
         from palpate.export.scenario import FittedChannel, export_scenario  # noqa: PLC0415, with the simulator
 
         joints = sum(channel.name.startswith("joint_") for channel in self.source.channels)
@@ -406,7 +434,11 @@ class Study(ModelStudy):
         return (scenario_of(session) if session is not None else None) or Scenario()
 
     def truth_of(self, channel: ChannelData) -> Mapping[str, float]:
-        """Return true parameters of a simulated session: the object's, not the joints'."""
+        """Return true parameters of a simulated session: the object's, not the joints'.
+
+        Args:
+            channel: channel of this study; empty for a joint, and without a session.
+        """
         session = self.source.session
         if session is None or channel.kind is not ChannelKind.CONTACT:
             return {}

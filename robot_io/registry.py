@@ -46,7 +46,11 @@ class Registry(Mapping[str, type[T]], Generic[T]):
             raise UnknownNameError(self.unknown(name)) from None
 
     def unknown(self, name: str) -> str:
-        """Describe an unknown name, with the closest and all valid ones."""
+        """Describe an unknown name, with the closest and all valid ones.
+
+        Args:
+            name: the unknown name; a single valid name that contains it counts as the closest.
+        """
         having = [member for member in self._members if str(name) and str(name) in member]  # such as "cubic"
         close = having if len(having) == 1 else get_close_matches(str(name), self._members, n=1)
         hint = f"; did you mean '{close[0]}'?" if close else "."

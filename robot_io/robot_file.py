@@ -117,7 +117,11 @@ class RobotFile(FileModel):
         return self.resolve(self.urdf)
 
     def resolve(self, relative: str) -> Path:
-        """Resolve a path in this file."""
+        """Resolve a path in this file.
+
+        Args:
+            relative: path relative to the folder of the robot file; an absolute path is not changed.
+        """
         return self.path.parent / relative
 
     @field_validator("sensor_axis_tip")

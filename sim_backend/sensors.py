@@ -82,7 +82,13 @@ class _LowPass:
         self._output: list[float] | None = None
 
     def filter(self, signal: Sequence[float]) -> list[float]:
-        """Compute the output after one more step; the first call starts settled."""
+        """Compute the output after one more step h; the first call starts settled.
+
+            y += (1 - exp(-2 pi f h)) (u - y),    exact for a constant input within the step
+
+        Args:
+            signal: input u of each signal, in the unit of the output.
+        """
         if self._output is None:
             self._output = list(signal)
         else:
@@ -187,7 +193,11 @@ class _GaussianNoise:
         self._block: list[float] = []
 
     def add_to(self, signal: Sequence[float]) -> Sequence[float]:
-        """Return a signal with the next numbers added."""
+        """Return a signal with the next numbers added, a different one for each value.
+
+        Args:
+            signal: values in the unit of the noise; returned itself if the noise is zero.
+        """
         if not self._std:
             return signal
         if len(self._block) < len(signal):
@@ -265,7 +275,12 @@ class _Amplifier:
         self._behind = [effect for effect in effects if not effect.ahead_of_noise]
 
     def output(self, time_s: float, signal: Sequence[float]) -> list[float]:
-        """Compute the sample at a time [s] in the unit of the signal, rounded to the converter's steps."""
+        """Compute one sample, rounded to the converter's steps.
+
+        Args:
+            time_s: time of the sample [s].
+            signal: true values in the unit of the output.
+        """
         value: Sequence[float] = signal
         for effect in self._ahead:
             value = effect.measure(time_s, value)

@@ -102,6 +102,12 @@ class DhTable(FileModel):
 def check_dh_table(robot_file: RobotFile, body: RigidBody) -> None:
     """Compare the tip positions of a robot file's DH table and its URDF; do nothing without a table.
 
+    The tips are compared at the home posture and at postures between the position limits.
+
+    Args:
+        robot_file: robot file with the path of the table.
+        body: model of the same arm, from its URDF.
+
     Raises:
         InputError: the table is invalid, or describes another arm.
     """

@@ -41,7 +41,11 @@ class Compliance(NamedTuple):
 
 
 def within_bounds(compliance: Compliance) -> Compliance:
-    """Clip a compliance to the range in which the force laws are stable."""
+    """Clip a compliance to the range in which the force laws are stable.
+
+    Args:
+        compliance: stiffness, clipped to 50 to 30,000 N/m, and damping, clipped to 0 to 400 N s/m.
+    """
     stiffness_n_m, damping_n_s_m = compliance
     return Compliance(
         clip(stiffness_n_m, *_STIFFNESS_BOUNDS_N_M), clip(damping_n_s_m, *_DAMPING_BOUNDS_N_S_M)

@@ -96,7 +96,12 @@ class StopHandler:
             self.guard.trip(f"stopped: {reason}")
 
     def fail(self, what: str, error: BaseException) -> None:
-        """Trip the guard for an exception, or log it if the guard is tripped already."""
+        """Trip the guard for an exception, or log it if the guard is tripped already.
+
+        Args:
+            what: what failed, the beginning of the message.
+            error: the exception; one that repeats in every tick is logged once.
+        """
         if not isinstance(error, Exception):  # SystemExit and KeyboardInterrupt count as failures
             error = RuntimeError(f"{type(error).__name__} {error}")
         text = f"{what}: {one_line(error)}"
@@ -121,6 +126,10 @@ class StopHandler:
 
 
 def one_line(error: Exception) -> str:
-    """Write an exception without line breaks, with its type unless the text is meant for users."""
+    """Write an exception without line breaks, with its type unless the text is meant for users.
+
+    Args:
+        error: the exception; the text of a `PalpateError` is meant for users.
+    """
     text = " ".join(str(error).split())
     return text if isinstance(error, PalpateError) else f"{type(error).__name__}: {text}"

@@ -75,7 +75,11 @@ class Task(Protocol):
     """
 
     def start(self, measurement: Measurement) -> None:
-        """Begin from the measured state; called once, in the first tick before `step`."""
+        """Begin from the measured state; called once, in the first tick before `step`.
+
+        Args:
+            measurement: state of the arm; the loop powers the drives afterwards.
+        """
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
         """Compute one tick; an exception or an output of another shape stops the arm.

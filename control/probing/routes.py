@@ -90,6 +90,10 @@ class Routes:
         """Find the route with the smallest lift that clears the object, or else the highest route.
 
         The clearance refers to the higher of two targets, or else to the lower end of the route.
+
+        Args:
+            start: end at which the arm rests, with its target if it is over one.
+            end: the same for the other end.
         """
         ends = (start, end)
         depths_m = self._depths_m(np.array([start.position_rad, end.position_rad]))

@@ -131,6 +131,10 @@ def probing_sites(
 def check_against_guard(plan: ProbingPlan, robot_file: RobotFile) -> None:
     """Check that forces and joint speeds of a plan stay below the limits of the robot's guard.
 
+    Args:
+        plan: the plan; its largest forces and joint speeds are checked.
+        robot_file: robot file with the limits; each limit keeps a margin.
+
     Raises:
         InputError: the guard would trip; the error names the largest valid value.
     """

@@ -77,7 +77,14 @@ def inertial_unit(column: int) -> str:
 
 @lru_cache(maxsize=4)
 def base_parameters(body: "RigidBody") -> BaseParameters:
-    """Compute the base parameters of an arm from random postures, velocities and accelerations."""
+    """Compute the base parameters of an arm from random postures, velocities and accelerations.
+
+    The columns of the regressor are selected one by one from the base outwards, by Gram-Schmidt, and the
+    others are expressed by them. The motions are the same in each call.
+
+    Args:
+        body: rigid-body model of the arm.
+    """
     motions = np.random.default_rng(0).uniform(-2.0, 2.0, (_POSTURE_COUNT, 3, body.joint_count))
     regressor = np.array([body.regressor(*motion) for motion in motions])
     rows = regressor.reshape(-1, regressor.shape[2])

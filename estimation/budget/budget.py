@@ -131,14 +131,22 @@ class _KindSubsets:
     relevant: Kinds
 
     def by_run(self, kinds: Kinds) -> FloatArray:
-        """Return the squared errors (r,) of each run for the best subset of these kinds [effort^2]."""
+        """Return each run's sum of squared errors for the best subset of some kinds, shape (r,) [effort^2].
+
+        Args:
+            kinds: set whose subsets, with the empty one, are compared by their sum over all runs.
+        """
         subsets = [
             frozenset(part) for size in range(len(kinds) + 1) for part in combinations(_ordered(kinds), size)
         ]
         return min(map(self.error.by_run, subsets), key=lambda squares: float(squares.sum()))
 
     def best_mean_square(self, kinds: Kinds) -> float:
-        """Return the mean squared error of the best subset of these kinds [effort^2]."""
+        """Return the mean squared error of the best subset of some kinds, over all blocks [effort^2].
+
+        Args:
+            kinds: set of kinds; its error is never larger than that of one of its subsets.
+        """
         return float(self.by_run(kinds).sum() / self.error.counts.sum())
 
     @property
@@ -151,11 +159,13 @@ class _KindSubsets:
         """Find the smallest sets with an error within a limit, those without run differences first.
 
         If there is none, the best set of the largest size is returned.
+
+        Args:
+            limit: largest mean squared error of a set [effort^2].
+
+        Returns:
+            Sets of equal size; only the empty set if the base model's error is within the limit.
         """
-
-        def rank(kinds: Kinds) -> tuple[bool, float]:
-            return Kind.RUN_DIFFERENCES in kinds, self.error.mean_square(kinds)
-
         if self.error.mean_square() <= limit:
             return [frozenset()]
         max_size = min(_MAX_NAMED, len(self.relevant))
@@ -163,11 +173,17 @@ class _KindSubsets:
             sets = [frozenset(kinds) for kinds in combinations(_ordered(self.relevant), size)]
             close = [kinds for kinds in sets if self.error.mean_square(kinds) <= limit]
             if close or size == max_size:
-                return sorted(close, key=rank) or [min(sets, key=self.best_mean_square)]
+                close.sort(key=lambda kinds: (Kind.RUN_DIFFERENCES in kinds, self.error.mean_square(kinds)))
+                return close or [min(sets, key=self.best_mean_square)]
         return [frozenset()]
 
     def replacements(self, chosen: Kinds, kind: Kind) -> tuple[Kind, ...]:
-        """Find kinds that explain about as much in the place of a kind, with the other chosen kinds."""
+        """Find kinds that explain about as much in the place of a kind, with the other chosen kinds.
+
+        Args:
+            chosen: kinds among which the error is divided.
+            kind: the one of them to replace.
+        """
         kept = chosen - {kind}
         without, with_it = self.best_mean_square(kept), self.best_mean_square(chosen)
         limit = without - _REPLACEMENT * (without - with_it)

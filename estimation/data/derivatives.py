@@ -229,9 +229,15 @@ class _WindowFit:
     def risk(self, pilot: "_WindowFit", order: int) -> float:
         """Estimate the mean squared error of a derivative, unbiased if the pilot's residual is only noise.
 
+            risk = mean((f - f_pilot)^2) + noise mean(2 variance - variance_pilot)
+
         A fit is the best linear estimate in its window. Its covariance with the fit of a narrower window is
         therefore its own variance, and the variance of their difference is the difference of the variances
         (C. L. Mallows, Some Comments on C_p, Technometrics 15 (1973), for a derivative).
+
+        Args:
+            pilot: fit with a window that is at most as wide; its residual states the noise.
+            order: order of the derivative, 1 for the velocity and 2 for the acceleration.
         """
         squared_difference = np.mean((self.fitted[:, order] - pilot.fitted[:, order]) ** 2)
         variance = np.mean(2 * self.variance[:, order] - pilot.variance[:, order])

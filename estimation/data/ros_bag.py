@@ -111,7 +111,13 @@ class _MessageGroup:
         return same_size and message.startswith(self.text, _CDR_BYTES + _STAMP_BYTES)
 
     def numbers(self, kind: str, place: int, count: int) -> NDArray[Any]:
-        """Read `count` numbers that start at byte `place` of each message, shape (messages, count)."""
+        """Read numbers that start at the same byte of each message, shape (messages, count).
+
+        Args:
+            kind: numpy type of a number without its byte order, which the messages state, such as "f8".
+            place: first byte of the numbers in a message.
+            count: how many numbers each message has there.
+        """
         size = np.dtype(kind).itemsize * count
         order = "<" if self.begins[1] & 1 else ">"
         matrix = np.frombuffer(b"".join(self.messages), np.uint8).reshape(-1, self.size)

@@ -161,7 +161,11 @@ class Table:
             )
 
     def varies(self, name: str) -> bool:
-        """Return whether a column contains numbers that are not all equal."""
+        """Return whether a column contains numbers that are not all equal.
+
+        Args:
+            name: name of the column; False if it does not exist, or a value is not a number.
+        """
         try:
             return bool(np.ptp(self.numbers(name)) > 0.0)
         except InputError:
@@ -214,11 +218,25 @@ class Table:
         return replace(self, columns=self.columns.slice(0, rows), rows=self.rows[:rows])
 
     def filled_rows(self, name: str) -> BoolArray:
-        """Return the rows in which a column is not empty, shape (n,)."""
+        """Return the mask of rows in which a column is not empty, shape (n,).
+
+        Args:
+            name: name of the column.
+
+        Raises:
+            UnknownNameError: there is no such column.
+        """
         return is_filled(self._column(name))
 
     def numeric_share(self, name: str) -> float:
-        """Return the share of usable numbers among a column's first filled cells; 0 if it is empty."""
+        """Return the share of usable numbers among a column's first filled cells; 0 if it is empty.
+
+        Args:
+            name: name of the column.
+
+        Raises:
+            UnknownNameError: there is no such column.
+        """
         filled = np.flatnonzero(self.filled_rows(name))[:_LOOKED_AT]
         cells = _with_decimal_points(self._column(name).take(filled), self.decimal).to_pylist()
         numbers = np.array([number_of(cell) for cell in cells], dtype=np.float64)

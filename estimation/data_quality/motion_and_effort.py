@@ -52,7 +52,16 @@ _WORSE = 1.5
 
 
 def mistaken_units(data: ChannelData) -> str | None:
-    """Report a unit that is probably wrong; None if all are plausible."""
+    """Report a unit that is probably wrong; None if all are plausible.
+
+    A contact's depth must be below 0.2 m, and its range of forces over this depth between 1e-2 and 1e7 N/m,
+    or from 1e-5 N/m for a depth that only a microscope measures. At most a tenth of the samples of a joint
+    with an angle may be faster than 300 rad/s.
+
+    Args:
+        data: the channel in SI units; its `units` are those of the source, which the message suggests to
+            change.
+    """
     return (
         _mistaken_unit_of_contact(data) if data.kind is ChannelKind.CONTACT else _mistaken_unit_of_angle(data)
     )
@@ -152,7 +161,13 @@ def misaligned(data: ChannelData) -> str | None:
 
 
 def no_contact(data: ChannelData) -> str | None:
-    """Report a missing contact or a wrong sign; None if there is a contact."""
+    """Report a missing contact or a wrong sign; None if there is a contact.
+
+    A force that falls with depth is not reported if it first rises, as before an object tears.
+
+    Args:
+        data: the channel; a joint is not reported.
+    """
     if data.kind is not ChannelKind.CONTACT:
         return None
     pressed, air_level = data.engaged, 0.0
@@ -218,7 +233,12 @@ def _free_air_level(data: ChannelData) -> tuple[float, float]:
 
 
 def unresolved_inertia(data: ChannelData, model: Model | None) -> str | None:
-    """Report an inertia that the base model holds at zero; None otherwise."""
+    """Report an inertia that the base model holds at zero; None otherwise.
+
+    Args:
+        data: not used; all checks that need a model are called with both.
+        model: the base model; None if unknown, and the result is then None.
+    """
     if model is None or not any(f"{name}.{gain}" in model.held for name, gain in LUMPED_GAINS.items()):
         return None
     return (
@@ -228,7 +248,13 @@ def unresolved_inertia(data: ChannelData, model: Model | None) -> str | None:
 
 
 def unrelated(data: ChannelData) -> str | None:
-    """Report a force that hardly depends on the motion, or is a multiple of the depth; None otherwise."""
+    """Report a force that hardly depends on the motion, or is a multiple of the depth; None otherwise.
+
+    Depth and velocity must explain at least a tenth of the variance that the force has in contact.
+
+    Args:
+        data: the channel; a joint is not reported.
+    """
     if data.kind is not ChannelKind.CONTACT or not data.engaged.any():
         return None
     pressed = data.select(data.engaged)
@@ -250,7 +276,11 @@ def unrelated(data: ChannelData) -> str | None:
 def at_rest(data: ChannelData) -> str | None:
     """Report a joint whose position is only noise and unrelated to the effort; None otherwise.
 
-    An angle that varies by degrees is not encoder noise: each row then holds another pose.
+    An angle that varies by degrees is not encoder noise: each row then holds another pose. Position and
+    effort are compared without the means of the runs.
+
+    Args:
+        data: the channel; a contact is not reported.
     """
     if data.kind is ChannelKind.CONTACT:
         return None

@@ -47,7 +47,11 @@ _MIN_STEPS = 2.0
 
 
 def unchanging(data: ChannelData) -> str | None:
-    """Report an effort or a position that never changes; None if both change."""
+    """Report an effort or a position that never changes; None if both change.
+
+    Args:
+        data: the channel; ranges up to 1e-12 of the largest value, or 1e-12 in SI units, are rounding.
+    """
     for name, signal in (("effort", data.effort), ("position", data.position)):
         if np.ptp(signal) <= 1e-12 * max(1.0, float(np.max(np.abs(signal)))):
             return f"the {name} never changes; check the sensor and the column"
@@ -55,7 +59,11 @@ def unchanging(data: ChannelData) -> str | None:
 
 
 def too_coarse(data: ChannelData) -> str | None:
-    """Report an effort with too few distinct readings; None otherwise, and for a stepwise command."""
+    """Report an effort with too few distinct readings; None otherwise, and for a stepwise command.
+
+    Args:
+        data: the channel; a contact needs five distinct readings, a joint three.
+    """
     levels = len(np.unique(data.effort))
     least = _MIN_LEVELS if data.kind is ChannelKind.CONTACT else _MIN_JOINT_LEVELS
     if levels < least and not is_stepwise_command(data):
@@ -328,7 +336,12 @@ def folded_in_contact(data: ChannelData) -> BoolArray:
 
 
 def folded(data: ChannelData) -> str | None:
-    """Report rectified readings of a contact near zero; None without them."""
+    """Report rectified readings of a contact near zero; None without them.
+
+    Args:
+        data: the channel; see `folded_in_contact` for the readings, to which a subtracted tare is added
+            again.
+    """
     near = folded_in_contact(data)
     if not near.any():
         return None

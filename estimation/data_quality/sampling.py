@@ -26,7 +26,11 @@ _MIN_TRAVEL = 3.0  # least path of a single recording of repeated motion, in ran
 
 
 def wrong_size(data: ChannelData) -> str | None:
-    """Report too few samples, or more than can be searched; None otherwise."""
+    """Report too few samples, or more than can be searched; None otherwise.
+
+    Args:
+        data: the channel; only whole blocks of `block_length` samples count toward the limit of the search.
+    """
     if len(data) < MIN_SAMPLES:
         return f"only {len(data)} samples; record at least {MIN_SAMPLES}"
     lengths = np.unique(data.run, return_counts=True)[1]
@@ -39,7 +43,13 @@ def wrong_size(data: ChannelData) -> str | None:
 
 
 def no_shared_depth(data: ChannelData) -> str | None:
-    """Report that no two runs of a contact have similar depths, so none can be held out; else None."""
+    """Report that no two runs of a contact have similar depths, so none can be held out; else None.
+
+    Depths are similar if their ranges overlap by more than a tenth of the smaller range.
+
+    Args:
+        data: the channel; a joint and a single run are not reported here.
+    """
     if data.kind is not ChannelKind.CONTACT or len(data.runs) == 1:
         return None
     depths = [data.position[data.engaged & (data.run == run)] for run in data.runs]
@@ -57,7 +67,12 @@ def no_shared_depth(data: ChannelData) -> str | None:
 
 
 def never_repeated(data: ChannelData) -> str | None:
-    """Report effects that cannot be distinguished because the motion does not return or repeat; else None."""
+    """Report effects that cannot be distinguished because the motion does not return or repeat; else None.
+
+    Args:
+        data: the channel. Several runs of a joint repeat the motion; a single run does if its pieces, of
+            equal numbers of samples, cover at least three times the range of positions in all.
+    """
     if len(data.runs) > 1:
         if data.kind is not ChannelKind.CONTACT or not never_returns(data.position, data.run):
             return None
@@ -84,7 +99,11 @@ def never_repeated(data: ChannelData) -> str | None:
 
 
 def single_speed(data: ChannelData) -> str | None:
-    """Report runs that return but have only one speed; None otherwise."""
+    """Report runs that return but have only one speed; None otherwise.
+
+    Args:
+        data: the channel; a joint is not reported.
+    """
     has_one_speed = data.kind is ChannelKind.CONTACT and has_constant_speed(data.velocity[data.engaged])
     if not has_one_speed or never_returns(data.position, data.run):
         return None

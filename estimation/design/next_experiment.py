@@ -60,7 +60,12 @@ def _candidate_motions(data: ChannelData) -> Iterator[tuple[str, float, ChannelD
 
 
 def extent(data: ChannelData) -> str:
-    """Describe how far and how fast a channel moves, such as "over 0.5 rad, at up to 2 rad/s"."""
+    """Describe how far and how fast a channel moves, such as "over 0.5 rad, at up to 2 rad/s".
+
+    Args:
+        data: the channel. Lengths are stated in mm; in a contact they count from the surface, unless
+            `touching` states the samples in contact.
+    """
     from_surface = data.kind is ChannelKind.CONTACT and data.touching is None
     if data.kind.is_angle:
         distance, speed = f"{np.ptp(data.position):.3g} rad", f"{np.abs(data.velocity).max():.3g} rad/s"

@@ -212,7 +212,11 @@ class _Condition:
     stretch: IntArray | None = None  # stretch of each block (m,) whose mean is subtracted; None for no mean
 
     def residual(self, values: FloatArray) -> FloatArray:
-        """Return the values (m,), without the mean of each stretch on the blocks of this condition."""
+        """Return residuals without the mean of each stretch on the blocks of this condition, shape (m,).
+
+        Args:
+            values: residual of each block, shape (m,); returned itself if no mean is subtracted.
+        """
         if self.stretch is None:
             return values
         left = values.copy()

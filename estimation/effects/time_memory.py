@@ -45,7 +45,14 @@ class _Relaxation(Effect):
         return forms
 
     def relaxed(self, memory: Callable[..., FloatArray], signal: FloatArray, data: ChannelData) -> FloatArray:
-        """Return a strain or elastic force, (n,) or (n, k), after relaxation with this memory."""
+        """Return a strain or elastic force, (n,) or (n, k), after relaxation with this memory.
+
+        Args:
+            memory: function of a signal, the times (n,) [s], the run numbers (n,) and `independent_runs`; it
+                returns what remains of the signal, in its shape.
+            signal: strain or elastic force, shape (n,) or (n, k).
+            data: the channel, n samples. In form 1, runs that begin in contact begin relaxed.
+        """
         remaining = memory(signal, data.time_s, data.run, independent_runs=bool(data.recovers))
         if self.form:
             first, piece = block_index(data.run)

@@ -168,7 +168,11 @@ class _Noise:
         self._floor = self._share = 0.0
 
     def variance(self, effort: float) -> float:
-        """Return the variance of the noise at a predicted effort."""
+        """Return the variance of the noise at a predicted effort [effort^2], at least that of rounding.
+
+        Args:
+            effort: predicted effort.
+        """
         return self._floor + self._share * effort * effort + _ROUNDING2 * effort * effort
 
     @property
@@ -177,7 +181,13 @@ class _Noise:
         return self._errors / self._count if self._count else 0.0
 
     def update(self, error: float, effort: float, *, clip: bool) -> None:
-        """Update by an error (measured minus predicted effort); `clip` limits that of a possible outlier."""
+        """Update the noise model by one error.
+
+        Args:
+            error: measured minus predicted effort.
+            effort: predicted effort.
+            clip: whether the error may be an outlier and is limited to four standard deviations.
+        """
         square, error2 = effort * effort, error * error
         if clip:
             error2 = min(error2, _CLIP_SIGMAS**2 * self.variance(effort))

@@ -177,7 +177,13 @@ class BlockedData:
 
 
 def block_length(data: ChannelData) -> int:
-    """Return the number of samples in a block, halved as long as the effort varies within it."""
+    """Return the number of samples in a block, halved as long as the effort varies within it.
+
+    A block lasts about 5 ms in a contact and 10 ms in a joint, less in short runs, but at least one sample.
+
+    Args:
+        data: the channel; only the effort in contact can shorten the blocks of a contact.
+    """
     rate_hz = CONTACT_RATE_HZ if data.kind is ChannelKind.CONTACT else JOINT_RATE_HZ
     rate_hz = max(rate_hz, _MIN_BLOCKS / longest_run(data.time_s, data.run))
     block = max(1, int(1.0 / (rate_hz * sample_time(data.time_s, data.run)) + 0.5))

@@ -349,7 +349,12 @@ LinearizedParts = Callable[[Inner], Parts | None]
 
 
 def is_linear_on_blocks(data: ChannelData, model: Model) -> bool:
-    """Return whether a model can be fitted to block averages; contact forces are clipped at each sample."""
+    """Return whether a model can be fitted to block averages; contact forces are clipped at each sample.
+
+    Args:
+        data: the channel; a contact is never fitted to averages.
+        model: the model, whose reading must be linear in all gains.
+    """
     return model.is_linear_in_gains and data.kind is not ChannelKind.CONTACT
 
 

@@ -195,13 +195,25 @@ class _Scale:
         return self.number(self.parameter.lower), self.number(self.parameter.upper)
 
     def number(self, value: float) -> float:
-        """Map a value of the inner parameter, in its unit, to the search scale."""
+        """Map a value of the inner parameter to the search scale.
+
+        Args:
+            value: value in the parameter's unit; on a logarithmic scale, 1e-300 replaces smaller values.
+
+        Returns:
+            log(value / start) on a logarithmic scale, else (value - start) / unit; 0 at the start in both
+            cases.
+        """
         if self.by_ratio:
             return float(np.log(max(value, 1e-300) / self.start))
         return (value - self.start) / self._unit
 
     def value(self, number: float) -> float:
-        """Map a point of the search scale to a value of the inner parameter."""
+        """Map a point of the search scale to a value of the inner parameter, the inverse of `number`.
+
+        Args:
+            number: point of the search scale; 0 is the start.
+        """
         return float(self.start * np.exp(number)) if self.by_ratio else self.start + number * self._unit
 
     @property

@@ -41,7 +41,14 @@ class _BlockVariation:
     count: int  # number of samples
 
     def is_noise(self, block: int) -> bool:
-        """Return whether averaging `block` samples loses no relevant information, only noise."""
+        """Return whether averaging `block` samples loses no relevant information, only noise.
+
+        The squared departure from a straight line must not exceed that of the noise by more than a tenth of
+        the noise variance of a block's mean, plus three standard errors.
+
+        Args:
+            block: number of samples whose mean replaces them.
+        """
         error = _STANDARD_ERRORS * np.sqrt(4.6 / self.count)  # error of a mean of squared third differences
         return bool(self.departure**2 <= self.noise**2 * (1.0 + _MAX_LOST / block + error))
 

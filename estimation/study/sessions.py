@@ -74,6 +74,9 @@ def without_ticks(session: Session) -> Session:
 def with_ticks(session: Session) -> Session:
     """Return a session with all needed columns, read again after `without_ticks`.
 
+    Args:
+        session: session from `read_session` or `read_folder`; returned itself if its columns are complete.
+
     Raises:
         InputError: the session cannot be read any more, or its file holds another session now.
     """

@@ -75,7 +75,12 @@ class DataSource:
         return [run_of.get(run, run) for run in channel.runs.tolist()]
 
     def runs_of(self, channel: ChannelData, recorded: Sequence[int]) -> tuple[int, ...]:
-        """Return the numbers of a channel's runs, or stretches, that belong to recorded runs."""
+        """Return the numbers of a channel's runs, or stretches, that belong to recorded runs.
+
+        Args:
+            channel: channel of this source.
+            recorded: numbers of runs as recorded; see `recorded`.
+        """
         return tuple(channel.runs[np.isin(self.recorded(channel), recorded)].tolist())
 
     def without(self, runs: Sequence[int]) -> DataSource:

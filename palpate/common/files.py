@@ -191,6 +191,9 @@ def atomic_write(path: Path) -> Iterator[Path]:
 def atomic_write_all(texts: Mapping[Path, str]) -> Iterator[None]:
     """Write several text files after the body of the `with`, or none if it fails.
 
+    Args:
+        texts: text by path; existing files are replaced.
+
     Raises:
         InputError: one of them cannot be written.
     """

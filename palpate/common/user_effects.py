@@ -245,6 +245,10 @@ def guarded(effect: Effect) -> Effect:
 def try_effect(effect: Effect, data: ChannelData) -> bool | None:
     """Call each method of a guarded effect on a channel once, before a search uses it.
 
+    Args:
+        effect: the user's effect, whose methods are guarded.
+        data: channel to which a model with the effect would be fitted.
+
     Returns:
         Whether the effect changes the prediction: False if its columns are zero at all starting values of a
         search; None if the effect does not apply to the channel.

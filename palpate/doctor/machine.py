@@ -184,7 +184,13 @@ def can_interfaces() -> Iterator[Finding]:
 
 
 def can_interface(subject: str, name: str, down: Level) -> Finding:
-    """Check that a CAN interface exists and is up (level `down` if not)."""
+    """Check that a CAN interface exists and is up.
+
+    Args:
+        subject: title of the finding.
+        name: name of the interface, such as "can0".
+        down: level of the finding if the interface is not up; a missing one always fails.
+    """
     interface = Path("/sys/class/net") / name
     bring_up = f"sudo ip link set {name} up type can bitrate 1000000"
     if _text(interface / "type") != ARPHRD_CAN:

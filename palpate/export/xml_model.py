@@ -196,7 +196,13 @@ class _Mjcf:
         self._joints = [joint for joint in joints if self.value(joint, "type", "hinge") in _JOINTS]
 
     def value(self, element: Element, name: str, absent: str) -> str:
-        """Return an attribute of an element or of its default class, or `absent` where neither states it."""
+        """Return an attribute of an element or of its default class.
+
+        Args:
+            element: joint or actuator.
+            name: name of the attribute.
+            absent: value if neither states it, MuJoCo's default.
+        """
         if (own := element.get(name)) is not None:
             return own
         tags = {element.tag} if element.tag == "joint" else {element.tag, *_SCALED}
@@ -324,7 +330,13 @@ class _Mjcf:
             self.left_out.append(f"{joint.channel}: {line}")
 
     def check_servo(self, element: Element, joint: TargetJoint, gain_nm_rad: float) -> None:
-        """Report where the joint's <position> actuator contradicts a fit to goals and positions."""
+        """Report where the joint's <position> actuator contradicts a fit to goals and positions.
+
+        Args:
+            element: the joint.
+            joint: its fitted values.
+            gain_nm_rad: torque per goal error that was used in the fit [N m/rad].
+        """
         for each in self._actuators(element):
             if each.tag != "position":
                 continue
@@ -354,7 +366,12 @@ class _Mjcf:
             self.left_out.append(f"{joint.channel}: {line}")
 
     def add_payload(self, payload: TermValue, mounting: Mounting) -> None:
-        """Add a point mass [kg] at the tip."""
+        """Add a point mass at the tip; a mass of zero or less is only reported.
+
+        Args:
+            payload: the mass [kg].
+            mounting: where the tip is.
+        """
         if payload.number <= 0.0:
             self.left_out.append(_too_light(payload.number))
             return

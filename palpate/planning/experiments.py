@@ -195,6 +195,10 @@ def simulate_plans(simulations: Sequence[PlanSimulation], processes: int = 1) ->
     """Rehearse plans in parallel and in order; None for a plan that the arm cannot do.
 
     Earlier rehearsals are cached. The result does not depend on the number of processes.
+
+    Args:
+        simulations: plans to rehearse.
+        processes: largest number of new processes; 1 to use only this one.
     """
     known = {trial: _known[trial] for trial in simulations if trial in _known}
     new = [trial for trial in simulations if trial not in known]

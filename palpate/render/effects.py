@@ -45,6 +45,10 @@ class EffectExample:
 
         The model without the effect is a spring and damper, or a mass with viscous friction. If the effect is
         one of these two terms, the model has only the other term.
+
+        Args:
+            effect: the effect, which may need signals that a plain motion lacks.
+            kind: kind of channel of the motion.
         """
         data, model, values = simple_motion(kind)
         if not effect.applies_to(data):
@@ -75,7 +79,15 @@ class EffectExample:
 
 
 def simple_motion(kind: ChannelKind) -> tuple[ChannelData, Model, dict[str, float]]:
-    """Return a simple motion (two presses or swings), a simple model, and the model's parameters."""
+    """Make a plain motion, a plain model, and its prediction as the effort.
+
+    Args:
+        kind: kind of channel; a contact is pressed twice, to 7.5 mm, and a joint swings by 1 rad or 1 m to
+            each side.
+
+    Returns:
+        The channel, the model (spring and damper, or mass and viscous friction), and its parameters by name.
+    """
     t = np.arange(0.0, _PLAIN_S, _TIME_S)
     rate = 4.0 * np.pi / _PLAIN_S
     x, v, a = np.sin(rate * t), rate * np.cos(rate * t), -(rate**2) * np.sin(rate * t)

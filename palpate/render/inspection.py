@@ -59,7 +59,10 @@ class Inspection:
         return self.scene.picture_moment_s
 
     def plot(self, folder: Path) -> Path:
-        """Save a page of plots in an existing folder; return the file.
+        """Save a page of plots; return the file.
+
+        Args:
+            folder: an existing folder.
 
         Raises:
             InputError: nothing was touched, or the file cannot be written.

@@ -236,7 +236,14 @@ def _parameter_table(
 
 
 def with_interval(parameter: ParameterEstimate) -> tuple[str, str]:
-    """Format a value and half of its 95 % interval, or both ends of an asymmetric one."""
+    """Format a value and half of its 95 % interval, or both ends of an asymmetric one.
+
+    Args:
+        parameter: the parameter.
+
+    Returns:
+        Value and interval without unit; a remark replaces an interval at a bound, or one that is not known.
+    """
     if parameter.at_bound:
         return significant(parameter.value), AT_BOUND
     (lower, upper), half = parameter.interval, parameter.half_interval

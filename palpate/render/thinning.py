@@ -34,7 +34,12 @@ def peak_rows(values: FloatArray, most: int = MOST_POINTS) -> IntArray:
 
 
 def even_places(count: int, most: int) -> IntArray:
-    """Return at most `most` places from 0 to `count` - 1 at even distances, with the first and the last."""
+    """Return places from 0 to `count` - 1 at even distances, with the first and the last, shape (k,).
+
+    Args:
+        count: number of places, at least 1.
+        most: largest number k, at least 2; fewer if there are fewer places.
+    """
     return np.unique(np.linspace(0, count - 1, most).astype(int))
 
 

@@ -113,7 +113,11 @@ def true_parameters(session: Session) -> dict[str, float]:
 
 
 def truth_of(scenario: Scenario) -> dict[str, float]:
-    """Return a simulated world's true values by "effect.parameter"."""
+    """Return a simulated world's true values by "effect.parameter".
+
+    Args:
+        scenario: the world; those of its object are returned, with the position of its surface.
+    """
     surface = {SURFACE: -scenario.object.surface_height_m}
     match scenario.object.law:
         case KelvinVoigtLaw() | EngineContact() as law:

@@ -33,7 +33,14 @@ def robot_names() -> list[str]:
 
 
 def find_robot(robot: str) -> RobotFile:
-    """Load a robot file by the name of a shipped arm or by path; raise `InputError` if there is none."""
+    """Load a robot file.
+
+    Args:
+        robot: name of a shipped arm, or path of a robot file.
+
+    Raises:
+        InputError: there is no such file, or it is invalid.
+    """
     shipped = shipped_robots()
     path = shipped.get(robot, Path(robot))
     if not path.is_file():
@@ -44,6 +51,9 @@ def find_robot(robot: str) -> RobotFile:
 
 def importable(packages: list[str]) -> tuple[str, ...]:
     """Return the package names if Python finds the packages and they contain drivers.
+
+    Args:
+        packages: dotted names of packages; importing them runs their code.
 
     Raises:
         InputError: a package is not found, fails to import, or contains no driver.

@@ -137,7 +137,15 @@ class ResultStore:
             raise InputError(f"results folder {folder}: cannot be made ({error.strerror})") from error
 
     def write(self, address: str, rows: Sequence[Row]) -> None:
-        """Store the rows of one case, at least one; raise `OSError` if they cannot be written."""
+        """Store the rows of one case.
+
+        Args:
+            address: address of the case, the name of its file.
+            rows: its rows, at least one.
+
+        Raises:
+            OSError: they cannot be written.
+        """
         table = pa.Table.from_pylist([{ADDRESS: address} | row for row in rows])
         _write(self.folder / f"{address}{_ENDING}", table)
 
@@ -189,7 +197,14 @@ class ResultStore:
         return _joined(parts)
 
     def drop(self, addresses: Iterable[str]) -> None:
-        """Delete the results of these cases; raise `InputError` if a file is damaged."""
+        """Delete the results of these cases.
+
+        Args:
+            addresses: addresses of the cases; unknown ones are ignored.
+
+        Raises:
+            InputError: a file is damaged.
+        """
         dropped = pa.array(list(addresses), pa.string())
         for path, part in self._tables():
             left = part.filter(pc.invert(pc.is_in(part[ADDRESS], dropped)))

@@ -113,6 +113,12 @@ def _entity(parameter: str) -> str:
 def draw(path: Path, merged: MergedSessions, rendered: ForceComparison, modeled: ForceComparison) -> None:
     """Write a PNG with forces over time, felt over real force, and the link.
 
+    Args:
+        path: the file, replaced if it exists.
+        merged: sessions of leader and follower on the leader's clock.
+        rendered: felt force, and the real one under the same motion of the hand.
+        modeled: force of the model, and the follower's measurement.
+
     Raises:
         InputError: the file cannot be written.
     """

@@ -154,7 +154,14 @@ class TargetStates:
         self._revisions.clear()
 
     def take(self, estimate: ObjectEstimate) -> bool:
-        """Store an estimate and return whether it is new; raise `InputError` if it cannot be rendered."""
+        """Store an estimate and return whether it is new.
+
+        Args:
+            estimate: estimate of one target; one with an older or equal revision is ignored.
+
+        Raises:
+            InputError: it cannot be rendered, as an object that is not pressed downwards.
+        """
         known = self._revisions.pop(estimate.target, -1)
         self._revisions[estimate.target] = max(known, estimate.revision)
         if estimate.revision <= known:

@@ -106,7 +106,13 @@ class FoxgloveFeed:
 
 
 def online_residual(ticks: Samples) -> FloatArray:
-    """Return measured force minus estimated force, shape (n,) [N]; NaN without an online estimate."""
+    """Return measured force minus estimated force, shape (n,) [N]; NaN without an online estimate.
+
+        F = max(k x + c v, 0) below the surface, 0 above it;    x depth, v speed along the press direction
+
+    Args:
+        ticks: samples of the stream "tick", with the estimate of each tick.
+    """
     along = np.sum(ticks["tip_position_world_m"] * ticks["press_direction_world"], axis=1)
     speed = np.sum(ticks["tip_velocity_world_m_s"] * ticks["press_direction_world"], axis=1)
     depth = along - ticks["surface_m"]

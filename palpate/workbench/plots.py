@@ -81,7 +81,11 @@ class DrawnMotion:
         return self.with_gaps(kept)
 
     def with_gaps(self, rows: IntArray) -> IntArray:
-        """Insert -1 between rows of different runs."""
+        """Insert -1 between rows of different runs, at which a curve is interrupted.
+
+        Args:
+            rows: row numbers of drawn samples, ascending, shape (k,).
+        """
         return np.insert(rows, np.flatnonzero(np.diff(self.data.run[rows])) + 1, -1)
 
 

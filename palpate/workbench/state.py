@@ -438,7 +438,13 @@ def evidence_of(
 
 
 def groups(evidence: Sequence[EffectEvidence]) -> list[list[EffectEvidence]]:
-    """Group effects that are alike on these data, the strongest evidence first."""
+    """Group effects that are alike on these data, the strongest evidence first.
+
+    Effects are alike if both have an influence and the cosine of their changes exceeds `ALIKE` in size.
+
+    Args:
+        evidence: evidence for each effect, given the same other effects.
+    """
     left = sorted(evidence, key=lambda each: -each.falls)
     made: list[list[EffectEvidence]] = []
     while left:

@@ -100,7 +100,14 @@ class NetFtStream(ReadingStream):
         self.sensor_clock = SensorClock()
 
     def feed(self, data: bytes) -> list[float]:
-        """Decode the force in one datagram [N]; nothing if it is not new."""
+        """Decode the force in one datagram; nothing if it is not new, or if the sensor reports an error.
+
+        Args:
+            data: bytes of one datagram.
+
+        Returns:
+            At most one force, in the sensor's sign [N].
+        """
         try:
             record = decode_record(data)
         except ProtocolError:

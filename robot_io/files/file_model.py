@@ -45,7 +45,11 @@ class YamlDocument:
     lines: Mapping[KeyPath, int]
 
     def line_of(self, key_path: KeyPath) -> int:
-        """Find the line, from 1, of a key or of the nearest existing part of its path."""
+        """Find the line, from 1, of a key or of the nearest existing part of its path.
+
+        Args:
+            key_path: keys and list indices from the top level of the document; line 1 if none exists.
+        """
         while key_path and key_path not in self.lines:
             key_path = key_path[:-1]
         return self.lines.get(key_path, 1)

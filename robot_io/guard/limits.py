@@ -120,7 +120,14 @@ class LimitChecks:
         self._force_age_s = limits.force_age_s
 
     def violation(self, measurement: Measurement) -> Problem | None:
-        """Find the first problem of a measurement."""
+        """Find the first problem of a measurement; None without one.
+
+        Status and age of the samples come first, then positions and velocities joint by joint, torques, and
+        force.
+
+        Args:
+            measurement: newest samples of encoders, drives and force sensor; a value of NaN is a problem.
+        """
         time_s = measurement.time_s
         problem = (
             _sample_problem(

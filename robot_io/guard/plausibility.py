@@ -76,7 +76,15 @@ class _Joint:
     def begin(
         self, time_s: float, position_rad: float, reference_rad: float, torque_nm: float, force_n: float
     ) -> None:
-        """Store a changed or first reading [s, rad, rad, N m, N]."""
+        """Store a changed or first reading.
+
+        Args:
+            time_s: time of the reading [s].
+            position_rad: the reading [rad].
+            reference_rad: reference of the joint at this time [rad].
+            torque_nm: measured torque of the joint [N m].
+            force_n: contact force [N].
+        """
         if self.samples:
             self.step_rad = min(self.step_rad, abs(position_rad - self.position_rad))
         before_s, before_rad, reference_before_rad = self.marks[1]
@@ -93,12 +101,22 @@ class _Joint:
         return max(self.least_rad, _STEPS * self.step_rad) if known else self.unknown_rad
 
     def is_suspect(self, time_s: float, moved_rad: float) -> bool:
-        """Return whether a reading rests too long although a working encoder would have shown this motion."""
+        """Return whether a reading rests too long although a working encoder would have shown this motion.
+
+        Args:
+            time_s: present time [s].
+            moved_rad: motion of the reference since the reading last changed [rad].
+        """
         still = self.samples >= _SAMPLES and time_s - self.since_s >= self.still_s - 1e-9
         return still and abs(moved_rad) > self.visible_rad
 
     def was_stopped(self, time_s: float, moved_rad: float) -> bool:
-        """Return whether the joint followed until it stopped, while the reference continued [s, rad]."""
+        """Return whether the joint followed until it stopped, while the reference continued.
+
+        Args:
+            time_s: present time [s].
+            moved_rad: motion of the reference since the reading last changed [rad].
+        """
         way_rad = self.followed_rad
         if abs(way_rad) <= self.visible_rad or not _FOLLOWED[0] < self.before_rad / way_rad < _FOLLOWED[1]:
             return False
@@ -319,7 +337,13 @@ class _Drive:
         self.count = self.jumps = 0
 
     def widen(self, torque_nm: float, *, is_next: bool) -> None:
-        """Include a command [N m] in the range, in this interval or as the first of the next one."""
+        """Include a command in the range of commands that a reading may show.
+
+        Args:
+            torque_nm: commanded torque [N m].
+            is_next: whether it is the first command of the next interval; the range covers this interval and
+                the one before.
+        """
         if is_next:
             self.before_nm, self.sent_nm = self.sent_nm, (torque_nm, torque_nm)
         low_nm, high_nm = self.sent_nm
@@ -331,7 +355,11 @@ class _Drive:
         self.high_nm = high_nm if high_nm > before_high_nm else before_high_nm
 
     def shows(self, measured_nm: float) -> None:
-        """Store the newest reading [N m], and update the mean jump."""
+        """Store the newest reading, and update the mean jump.
+
+        Args:
+            measured_nm: measured torque [N m]; an equal reading is no jump.
+        """
         jump_nm = abs(measured_nm - self.measured_nm)
         self.measured_nm = measured_nm
         if jump_nm > 0.0:

@@ -325,7 +325,14 @@ def _is_local(endpoint: str) -> bool:
 
 
 def cause(error: Exception) -> str:
-    """Extract the cause of a `zenoh.ZError` for the user."""
+    """Extract the cause of a `zenoh.ZError` for the user.
+
+    Args:
+        error: the error, whose text names places in zenoh's source.
+
+    Returns:
+        One line, without these places and cut to a bounded length.
+    """
     text = _PLACE.sub("", " ".join(str(error).split()))
     if match := _MESSAGE.search(text):
         what, line, column = match.groups()

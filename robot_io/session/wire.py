@@ -205,7 +205,11 @@ def file_descriptor_set(message: descriptor_pb2.DescriptorProto) -> bytes:
 
 
 def descriptor_of(message: descriptor_pb2.DescriptorProto) -> Any:  # noqa: ANN401, built at run time
-    """Register one message type in a pool of its own, from which protobuf makes classes."""
+    """Register one message type in a pool of its own, from which protobuf makes classes.
+
+    Args:
+        message: the message type; two calls with one name do not collide.
+    """
     pool = descriptor_pool.DescriptorPool()
     pool.Add(_file(message))
     return pool.FindMessageTypeByName(f"{PACKAGE}.{message.name}")

@@ -68,7 +68,11 @@ class _Drain:
         self._last_time_s = 0.0
 
     def run(self, parent_pid: int) -> None:
-        """Empty the rings repeatedly, until the program with this id requests the end or has ended."""
+        """Empty the rings repeatedly, until the recording program requests the end or has ended.
+
+        Args:
+            parent_pid: process id of the program that fills the rings and started this process.
+        """
         chunk_end_s = time.monotonic() + CHUNK_PERIOD_S
         while True:
             # Read before the rings are emptied, so that the file contains all records before the request.

@@ -99,7 +99,12 @@ class Chart:
 
 
 def span_of(values: FloatArray, margin: float = 0.06) -> tuple[float, float]:
-    """Return the smallest and largest finite value, with a margin."""
+    """Return the smallest and largest finite value, with a margin; 0 to 1 plus the margin without any.
+
+    Args:
+        values: values, shape (n,).
+        margin: margin at each end, relative to the range; 1 if the margin is zero.
+    """
     finite = values[np.isfinite(values)]
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
     room = margin * (high - low) or 1.0
@@ -107,7 +112,12 @@ def span_of(values: FloatArray, margin: float = 0.06) -> tuple[float, float]:
 
 
 def ticks(low: float, high: float) -> list[float]:
-    """Return about five round values from low to high."""
+    """Return about five round values from low to high.
+
+    Args:
+        low: lower end of an axis, less than `high`.
+        high: upper end.
+    """
     least = (high - low) / _TICKS
     unit = 10.0 ** np.floor(np.log10(least))
     step = next(factor * unit for factor in _STEPS if factor * unit >= least * (1.0 - 1e-9))

@@ -161,7 +161,11 @@ class _WholeAnswer:
         self._expected = int.from_bytes(expected, "little")
 
     def decode(self, data: bytes) -> FeetechFeedback | None:
-        """Decode all feedback; None unless it is intact, with the sent settings and no negative position."""
+        """Decode all feedback; None unless it is intact, with the sent settings and no negative position.
+
+        Args:
+            data: the answers of all servos, one after the other.
+        """
         if len(data) != self._packets.size:
             return None
         if int.from_bytes(data, "little") & self._mask != self._expected:

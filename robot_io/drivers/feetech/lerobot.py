@@ -56,7 +56,14 @@ class LerobotCalibration(RootModel[Annotated[dict[str, LerobotMotor], Field(min_
 
 
 def read_calibration(path: Path) -> dict[str, LerobotMotor]:
-    """Read the joints in a LeRobot calibration, by name; raise `InputError` with the first problem."""
+    """Read the joints in a LeRobot calibration, by name.
+
+    Args:
+        path: JSON file that LeRobot's calibration wrote.
+
+    Raises:
+        InputError: the file cannot be read, or is not a calibration; the error names the first problem.
+    """
     try:
         return validate(LerobotCalibration, json.loads(read_text(path))).root
     except (OSError, ValueError, RecursionError, InputError) as error:

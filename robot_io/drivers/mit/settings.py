@@ -257,7 +257,12 @@ class MitBusSettings(CanLineSettings):
         return self.dialect.host_id if self.host_id is None else self.host_id
 
     def answer_ids(self, motor: MitMotor) -> tuple[int, ...]:
-        """Return the arbitration ids under which a motor's answers are accepted."""
+        """Return the arbitration ids under which a motor's answers are accepted.
+
+        Args:
+            motor: motor of this bus. If the dialect has answer ids and the motor states none, the usual
+                offset is added to its id.
+        """
         if self.dialect.has_answer_ids:
             return (motor.answer_id or motor.motor_id + USUAL_ANSWER_OFFSET,)
         return (self.host, motor.motor_id)

@@ -52,7 +52,12 @@ def setup_commands(baud_rate: int, rate_hz: int) -> tuple[bytes, ...]:
 
 
 def find_answer_code(command: bytes, received: bytes | bytearray) -> int | None:
-    """Find the answer code to a command in received bytes; None without an answer, 0 for success."""
+    """Find the answer code to a command in received bytes; None without an answer, 0 for success.
+
+    Args:
+        command: the command as sent; its first byte identifies the answer.
+        received: all bytes since then, which may also hold samples.
+    """
     match = re.search(rb"r,\d,%c,(\d)" % command[0], received)
     return int(match[1]) if match else None
 

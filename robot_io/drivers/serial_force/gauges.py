@@ -147,7 +147,14 @@ _PINGS = 4
 
 
 def parse_model(answer: str) -> str:
-    """Return the interface model from the answer to MODEL; raise `ProtocolError` if it is unknown."""
+    """Return the interface model from the answer to MODEL.
+
+    Args:
+        answer: text of the answer; the model may be part of it, in any case.
+
+    Raises:
+        ProtocolError: the answer names none of `MODELS`.
+    """
     for model in MODELS:
         if model in answer.upper():
             return model
@@ -155,7 +162,14 @@ def parse_model(answer: str) -> str:
 
 
 def parse_number(text: str) -> float:
-    """Parse a decimal number in the interface's format; raise `ProtocolError` if it is not one."""
+    """Parse a decimal number in the interface's format.
+
+    Args:
+        text: the number, which may be surrounded by white space.
+
+    Raises:
+        ProtocolError: the text is not one number.
+    """
     if not _NUMBER.fullmatch(text.strip()):
         raise ProtocolError(f"not a number: '{text[:40]}'")
     return float(text)

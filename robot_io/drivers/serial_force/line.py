@@ -275,7 +275,14 @@ class ForceLine(Bus):
             self._port = None
 
     def write(self, data: bytes) -> None:
-        """Send bytes to the sensor; raise `DeviceError` if the port failed."""
+        """Send bytes to the sensor.
+
+        Args:
+            data: the bytes of a command or request.
+
+        Raises:
+            DeviceError: the line is not open, or the port failed.
+        """
         try:
             self._opened().write(data)
         except OSError as error:

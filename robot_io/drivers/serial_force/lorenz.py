@@ -126,10 +126,16 @@ class TelegramReader:
 
 
 def decode_header_block(parameters: Sequence[int]) -> tuple[int, int, int]:
-    """Decode the block "rotor header" of READ_CONFIG; raise `ProtocolError` for another or damaged block.
+    """Decode the block "rotor header" of READ_CONFIG.
+
+    Args:
+        parameters: parameters of the answer, bytes from 0 to 255: the number of the block, and the block.
 
     Returns:
         Codes of the unit and of the nominal load of channel A, and the serial number.
+
+    Raises:
+        ProtocolError: it is another block, or its checksum is wrong.
     """
     if (
         len(parameters) != _BLOCK + 1

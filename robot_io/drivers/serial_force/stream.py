@@ -225,7 +225,14 @@ class ReadingStream(ABC):
 
     @abstractmethod
     def feed(self, data: bytes) -> list[float]:
-        """Process received bytes; return the complete forces, in the sensor's sign, oldest first [N]."""
+        """Process received bytes; return the forces that are now complete, oldest first [N].
+
+        Args:
+            data: bytes since the last call, which may begin and end within a sample.
+
+        Returns:
+            Forces in the sensor's sign; possibly none.
+        """
 
 
 class LineSplitter:

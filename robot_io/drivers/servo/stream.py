@@ -145,7 +145,11 @@ class ServoProtocol(ABC):
         return b"".join(value.to_bytes(self.word, "little") for value in values)
 
     def ping(self, servo_id: int) -> bytes:
-        """Ping one servo."""
+        """Encode an instruction to ping one servo.
+
+        Args:
+            servo_id: id of the servo, from 0 to `LARGEST_ID`.
+        """
         return self.encode_packet(servo_id, _PING)
 
     def ping_all(self) -> bytes:
@@ -153,15 +157,33 @@ class ServoProtocol(ABC):
         return self.encode_packet(BROADCAST_ID, _PING)
 
     def read(self, servo_id: int, address: int, size: int) -> bytes:
-        """Read bytes of one servo."""
+        """Encode an instruction to read bytes of one servo.
+
+        Args:
+            servo_id: id of the servo.
+            address: address of the first byte.
+            size: number of bytes.
+        """
         return self.encode_packet(servo_id, _READ, self.words(address, size))
 
     def write(self, servo_id: int, address: int, data: bytes) -> bytes:
-        """Write bytes of one servo, which acknowledges with an empty answer."""
+        """Encode an instruction to write bytes of one servo, which acknowledges with an empty answer.
+
+        Args:
+            servo_id: id of the servo.
+            address: address of the first byte.
+            data: the bytes, as the registers store them.
+        """
         return self.encode_packet(servo_id, _WRITE, self.words(address) + data)
 
     def sync_read(self, address: int, size: int, servo_ids: Sequence[int]) -> bytes:
-        """Read the same bytes of several servos; each answers with its own packet, in this order."""
+        """Encode an instruction to read the same bytes of several servos.
+
+        Args:
+            address: address of the first byte.
+            size: number of bytes of each servo.
+            servo_ids: ids of the servos; each answers with its own packet, in this order.
+        """
         return self.encode_packet(BROADCAST_ID, _SYNC_READ, self.words(address, size) + bytes(servo_ids))
 
     def sync_write(self, address: int, data: Mapping[int, bytes]) -> bytes:
