@@ -251,8 +251,19 @@ class StopTask:
         self._held_s += dt_s if at_stop else 0.0
         phase, run = (Phase.HOLD, self._touch) if at_stop else (Phase.APPROACH, NO_RUN)
         events: tuple[TaskEvent, ...] = ()
-        if at_stop or approach.side * (position - approach.stop_rad) > settings.reach_rad:
-            self._check_stop(position, at_stop)
+        beyond_rad, reach = position - approach.stop_rad, settings.reach_rad
+        if abs(beyond_rad) > reach and (at_stop or approach.side * beyond_rad > reach):
+            push_nm = float(settings.push_nm[joint])
+            what = f"stands still against a push of {push_nm:.2g} N m" if at_stop else "reached no stop"
+            remedy = "remove any obstacle, " if at_stop else ""
+            held = "friction holds it or " if at_stop else ""
+            option = "--upper-stops" if approach.side > 0 else "--lower-stops"
+            raise SafetyTripError(
+                f"joint {joint + 1} {what} at {position:.3f} rad, but its stop should be at "
+                f"{approach.stop_rad:.3f} rad (within {reach:g} rad); {remedy}state where its stop "
+                f"is ({option}), or, if {held}its zero is off by that much, calibrate in a known pose first "
+                "(--pose)"
+            )
         if self._held_s >= settings.hold_s:
             text = f"joint {joint + 1} touches its stop; its encoder reads {position:.5f} rad"
             stop = {"run": self._touch, "joint": joint, "stop_rad": approach.stop_rad, "shown_rad": position}
@@ -272,22 +283,6 @@ class StopTask:
             else:
                 self._move_along([here_rad, back_rad, self._up_rad, self._approach.posture_rad])
         return self._free.output(measurement, motion, torque_nm, phase, run, events=events)
-
-    def _check_stop(self, position_rad: float, at_stop: bool) -> None:
-        """Trip if a stop is too far from its nominal position."""
-        approach, reach = self._approach, self._settings.reach_rad
-        if abs(position_rad - approach.stop_rad) > reach:
-            push_nm = float(self._settings.push_nm[approach.joint])
-            what = f"stands still against a push of {push_nm:.2g} N m" if at_stop else "reached no stop"
-            remedy = "remove any obstacle, " if at_stop else ""
-            held = "friction holds it or " if at_stop else ""
-            option = "--upper-stops" if approach.side > 0 else "--lower-stops"
-            raise SafetyTripError(
-                f"joint {approach.joint + 1} {what} at {position_rad:.3f} rad, but its stop should be at "
-                f"{approach.stop_rad:.3f} rad (within {reach:g} rad); {remedy}state where its stop "
-                f"is ({option}), or, if {held}its zero is off by that much, calibrate in a known pose first "
-                "(--pose)"
-            )
 
     def _pushing_torque_nm(self, measurement: Measurement, motion: JointMotion, dt_s: float) -> FloatArray:
         """Compute torques that hold the other joints and push this one towards its reference."""

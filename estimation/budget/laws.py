@@ -130,7 +130,11 @@ def flexible_laws(
         _sensor_statics(effort, blocked.effort, run, base, touching > 0.0, has_bias=has_bias),
     ]
     if (zero is None or not zero.is_steady) and not is_monotonic(position, run):
-        laws.append(_drift(time_s, residual, used))
+        elapsed_s = time_s - time_s.min()  # times may count from 1970
+        rate, offset = np.polyfit(elapsed_s[used], residual[used], 1)
+        # A drift is zero at one time of the session; a further constant is a bias.
+        origin_s = np.clip(-offset / rate, 0.0, elapsed_s.max()) if rate else 0.0
+        laws.append(_law(Kind.DRIFT, elapsed_s - origin_s))
     if is_contact:
         laws += _contact_geometry(position, depth, touching, run)
         products = (unit_speed * unit_depth, unit_speed * unit_depth**2)
@@ -355,14 +359,6 @@ def _sensor_statics(
     hysteresis = [-reversal_memory(predicted, run, share) for share in _REVERSAL_PATHS]
     columns = np.column_stack([*linear, *saturation, *dead_bands, *hysteresis])
     return FlexibleLaw(frozenset({Kind.SENSOR_STATICS}), columns, np.arange(columns.shape[1]) >= len(linear))
-
-
-def _drift(time_s: FloatArray, residual: FloatArray, used: BoolArray) -> FlexibleLaw:
-    """Build the law of a drift, which is zero at one time of the session; a further constant is a bias."""
-    elapsed_s = time_s - time_s.min()  # times may count from 1970
-    rate, offset = np.polyfit(elapsed_s[used], residual[used], 1)
-    origin_s = np.clip(-offset / rate, 0.0, elapsed_s.max()) if rate else 0.0
-    return _law(Kind.DRIFT, elapsed_s - origin_s)
 
 
 def periodic_columns(

@@ -60,7 +60,12 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
         run, notes = _detect_runs(columns, times_s, count)
         labels = {number: str(number) for number in np.unique(run).tolist()}
     else:
-        run, labels = _numbered_runs(table, columns.run)
+        names, index = table.labels(columns.run)
+        in_file = [int(name) for name in names if name.isdecimal() and len(name) <= _MAX_DIGITS]
+        # Runs are numbered by appearance unless all names are different numbers; "1" and "01" are two runs.
+        numbers = in_file if len(set(in_file)) == len(names) else range(len(names))
+        run = np.array(numbers, dtype=np.int64)[index]
+        labels = dict(sorted(zip(numbers, names, strict=True)))
         notes = []
         if count is not None:  # `columns.run` may be no column of the file but name its parts
             given = list_first(list(labels.values()))
@@ -107,14 +112,6 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
             f"--where, or check the column '{columns.run}', which names the runs"
         )
     return replace(rows, time_s=since_start(time_s, run)) if fresh else rows
-
-
-def _numbered_runs(table: Table, column: str) -> tuple[IntArray, dict[int, str]]:
-    """Return the run number of each row, shape (n,): that of the file, or by appearance; and the names."""
-    names, index = table.labels(column)
-    in_file = [int(name) for name in names if name.isdecimal() and len(name) <= _MAX_DIGITS]
-    numbers = in_file if len(set(in_file)) == len(names) else range(len(names))  # "1" and "01" are two runs
-    return np.array(numbers, dtype=np.int64)[index], dict(sorted(zip(numbers, names, strict=True)))
 
 
 def _times(columns: ColumnAssignment) -> FloatArray:

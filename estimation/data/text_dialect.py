@@ -61,9 +61,15 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[TableL
         if not is_body or was_body:
             continue
         width = max(len(_strip_empty(row)) for row in body)
-        # Remarks with one entry per column, such as "# columns: a b c".
-        above = [row for row in _preamble(rows, first, decimal) if len(row) == width + 1]
-        remarks = {row[0].rstrip(":").lower(): row[1:] for row in reversed(above) if row[0].endswith(":")}
+        # Remarks with one entry per column, such as "# columns: a b c", the lowest first.
+        above = []
+        for row in reversed(rows[:first]):
+            is_remark = bool(row) and row[0].endswith(":")
+            if not is_remark and sum(_are_numbers(row, decimal)) >= MIN_NUMBERS:
+                break  # another table
+            if is_remark and len(row) == width + 1:
+                above.append(row)
+        remarks = {row[0].rstrip(":").lower(): row[1:] for row in reversed(above)}
         if "columns" in remarks:
             yield TableLayout(_with_units(remarks["columns"], remarks.get("units", ())), first, first - 1)
             continue
@@ -128,15 +134,6 @@ def _header_rows(
         if len(header) == 2:
             break
     return header
-
-
-def _preamble(rows: Sequence[Sequence[str]], first: int, decimal: str) -> Iterator[Sequence[str]]:
-    """Yield the rows above a table, the highest last, up to the rows of numbers of another table."""
-    for place in range(first - 1, -1, -1):
-        is_remark = bool(rows[place]) and rows[place][0].endswith(":")
-        if not is_remark and sum(_are_numbers(rows[place], decimal)) >= MIN_NUMBERS:
-            break
-        yield rows[place]
 
 
 def _with_units(names: Sequence[str], units: Sequence[str]) -> tuple[str, ...]:

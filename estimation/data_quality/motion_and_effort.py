@@ -62,9 +62,21 @@ def mistaken_units(data: ChannelData) -> str | None:
         data: the channel in SI units; its `units` are those of the source, which the message suggests to
             change.
     """
-    return (
-        _mistaken_unit_of_contact(data) if data.kind is ChannelKind.CONTACT else _mistaken_unit_of_angle(data)
+    if data.kind is ChannelKind.CONTACT:
+        return _mistaken_unit_of_contact(data)
+    fast = float(np.quantile(np.abs(data.velocity), 0.9))
+    if not data.kind.is_angle or fast <= _MAX_SPEED_RAD_S:
+        return None
+    problem = (
+        f"the joint turns faster than {_MAX_SPEED_RAD_S:g} rad/s: a tenth of the samples exceed "
+        f"{fast:.3g} rad/s"
     )
+    remedies = []
+    if data.units.get("position") != "deg":
+        remedies.append("if the angle is in degrees, use --unit position=deg")
+    if data.units.get("time") not in {None, "s"}:  # a longer unit of time makes the joint slower
+        remedies.append("if the time is in seconds, use --unit time=s")
+    return f"{problem}; {'; '.join(remedies) or 'check the unit of the time'}"
 
 
 def _mistaken_unit_of_contact(data: ChannelData) -> str | None:
@@ -89,23 +101,6 @@ def _mistaken_unit_of_contact(data: ChannelData) -> str | None:
         f"force over depth is {slope:.3g} N/m, outside {least:g} to {_MAX_SLOPE_N_M:g} N/m; if a unit is "
         f"wrong, correct it{example}"
     )
-
-
-def _mistaken_unit_of_angle(data: ChannelData) -> str | None:
-    """Report an implausible speed of a joint with an angle, with units that would be more plausible."""
-    fast = float(np.quantile(np.abs(data.velocity), 0.9))
-    if not data.kind.is_angle or fast <= _MAX_SPEED_RAD_S:
-        return None
-    problem = (
-        f"the joint turns faster than {_MAX_SPEED_RAD_S:g} rad/s: a tenth of the samples exceed "
-        f"{fast:.3g} rad/s"
-    )
-    remedies = []
-    if data.units.get("position") != "deg":
-        remedies.append("if the angle is in degrees, use --unit position=deg")
-    if data.units.get("time") not in {None, "s"}:  # a longer unit of time makes the joint slower
-        remedies.append("if the time is in seconds, use --unit time=s")
-    return f"{problem}; {'; '.join(remedies) or 'check the unit of the time'}"
 
 
 def _may_be_si(data: ChannelData, quantity: str) -> bool:

@@ -1,6 +1,6 @@
 """Diagnose channels: search for missing effects, test the models, and state the verdict."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache, partial
 from itertools import repeat
 from zlib import crc32
@@ -97,20 +97,14 @@ def diagnose(
             diagnoses = list(map(diagnose_channel, *jobs, repeat(progress)))
         else:
             with worker_pool(min(processes, len(channels))) as pool:
-                diagnoses = list(_report_each(pool.map(diagnose_channel, *jobs), channels, progress))
+                results, diagnoses = pool.map(diagnose_channel, *jobs), []
+                for channel in channels:
+                    progress(f"{channel.name}: judging", 0.0)
+                for diagnosis in results:
+                    progress(f"{diagnosis.channel}: {diagnosis.verdict.value}", 1.0)
+                    diagnoses.append(diagnosis)
     name = "+".join(dict.fromkeys(model.name for model in models))
     return Diagnosis(file=file, model=name, channels=diagnoses)
-
-
-def _report_each(
-    diagnoses: Iterable[ChannelDiagnosis], channels: Sequence[ChannelData], progress: Progress
-) -> Iterator[ChannelDiagnosis]:
-    """Yield results as they arrive, and report each channel's start and verdict."""
-    for channel in channels:
-        progress(f"{channel.name}: judging", 0.0)
-    for diagnosis in diagnoses:
-        progress(f"{diagnosis.channel}: {diagnosis.verdict.value}", 1.0)
-        yield diagnosis
 
 
 def diagnose_channel(

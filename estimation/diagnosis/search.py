@@ -6,7 +6,6 @@ there are many. The resulting model is then fitted to all data.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 
@@ -477,7 +476,13 @@ def select_effects(
         forms: function that fits the best form of each kind that accounts for the error, on the coarse copy.
     """
     coarse = whole.coarse or whole
-    refine = partial(_refine_on_full_data, whole)
+
+    def refine(rough: FitResult) -> FitResult:
+        """Fit a model of the coarse copy to all data, and continue there unless much error is left."""
+        refined = whole.refined(whole.fitted(rough.solution.model, rough.solution.parameters))
+        if whole.added_effects(refined) and refined.explainable_share() > _LITTLE:
+            return refined
+        return _forward_selection(whole, backward_step(whole, refined))
 
     def is_enough(fit: FitResult) -> bool:
         needs_nothing = not whole.added_effects(fit) or fit.rmse <= (1.0 + SMALL) * fit.floor()
@@ -507,14 +512,6 @@ def _best_pair(coarse: Search) -> FitResult | None:
     pairs.sort(key=lambda pair: pair[1].held_out)
     fits = (coarse.with_candidate(second) for _, second in pairs[:LOOKED_AT])
     return next(filter(coarse.is_sensible, fits), None)
-
-
-def _refine_on_full_data(whole: Search, rough: FitResult) -> FitResult:
-    """Fit a model of the coarse copy to all data, and continue the search there unless much error is left."""
-    refined = whole.refined(whole.fitted(rough.solution.model, rough.solution.parameters))
-    if whole.added_effects(refined) and refined.explainable_share() > _LITTLE:
-        return refined
-    return _forward_selection(whole, backward_step(whole, refined))
 
 
 def _forward_selection(search: Search, fit: FitResult) -> FitResult:

@@ -384,12 +384,19 @@ def _budget(evidence: Evidence) -> tuple[list[BudgetShare], BudgetRest]:
 
 
 def _accepted(evidence: Evidence) -> list[AcceptedEffect]:
-    search, accepted = evidence.search, []
+    search, accepted, data = evidence.search, [], evidence.end.data
+    model, known = evidence.end.solution.model, evidence.end.solution.parameters
     by_name = {effect.name: effect for effect in search.effects}
     for before, after in pairwise(evidence.stages):
         (name,) = {part.name for part in after.model.effects} - {part.name for part in before.model.effects}
         effect = by_name[name]
-        spread = _run_standard_deviation(evidence.end, effect) if isinstance(effect, RunVariation) else None
+        spread = None
+        if isinstance(effect, RunVariation):  # standard deviation between runs, with its standard error
+            predicted, inner = model.without(name).predict(data, known), own_parameters(effect, known)
+            value = float(effect.spread(predicted, data, inner)[0])
+            error = value / float(np.sqrt(2.0 * (len(data.runs) - 1)))
+            unit = "1" if isinstance(effect, RunGain) else data.kind.effort_unit
+            spread = ParameterValue(value=value, std_err=error, unit=unit, at_bound=False)
         p_value = search.p_value(search.without(evidence.end, effect.name), evidence.end)
         accepted.append(
             AcceptedEffect(
@@ -401,16 +408,6 @@ def _accepted(evidence: Evidence) -> list[AcceptedEffect]:
             )
         )
     return accepted
-
-
-def _run_standard_deviation(end: FitResult, effect: RunVariation) -> ParameterValue:
-    """Estimate the standard deviation of a random effect between runs, with its standard error."""
-    model, known, data = end.solution.model, end.solution.parameters, end.data
-    predicted, inner = model.without(effect.name).predict(data, known), own_parameters(effect, known)
-    value = float(effect.spread(predicted, data, inner)[0])
-    error = value / float(np.sqrt(2.0 * (len(data.runs) - 1)))
-    unit = "1" if isinstance(effect, RunGain) else data.kind.effort_unit
-    return ParameterValue(value=value, std_err=error, unit=unit, at_bound=False)
 
 
 def error_decrease(accepted: Sequence[AcceptedEffect], base_rmse: float, last_rmse: float, unit: str) -> str:
@@ -475,17 +472,12 @@ def _reason(
     if not ranking or ranking[0].score < SMALL:
         return reason
     best = f"{ranking[0].effect}, removes {100 * ranking[0].score:.0f} % of the error"
-    why_not = _failed_criterion(evidence, ranking[0].effect)
-    return f"{reason}; the best single effect, {best}, but {why_not}"
-
-
-def _failed_criterion(evidence: Evidence, name: str) -> str:
-    """State why an effect that improves the base model is not named, as a clause."""
     failed = ""
     if evidence.partial is not None:
-        criteria = FormCriteria(evidence.search, evidence.partial, evidence.single_effects[name])
-        failed = criteria.failed_by(next(test for test in criteria.tests if test.effect == name))
-    return failed or "does not meet the criteria for naming it"
+        criteria = FormCriteria(evidence.search, evidence.partial, evidence.single_effects[ranking[0].effect])
+        failed = criteria.failed_by(next(test for test in criteria.tests if test.effect == ranking[0].effect))
+    why_not = failed or "does not meet the criteria for naming it"
+    return f"{reason}; the best single effect, {best}, but {why_not}"
 
 
 def _explained_variance(evidence: Evidence) -> str:

@@ -189,12 +189,6 @@ _SPANNED = 1e-6  # share of the squared effort outside the columns' span up to w
 _LEAST_SQUARE = 1e-300
 
 
-def _is_spanned(effort: FloatArray, columns: FloatArray) -> bool:
-    """Return whether columns (n, k) can scale an effort (n,)."""
-    left = effort - columns @ np.linalg.lstsq(columns, effort, rcond=None)[0] if columns.size else effort
-    return bool(left @ left <= _SPANNED * (effort @ effort))
-
-
 class RunGain(RunVariation):
     name = "run_gain"
     kind = Kind.RUN_DIFFERENCES
@@ -238,7 +232,8 @@ class RunGain(RunVariation):
         effort. Otherwise the scale would be arbitrary at share 1, where each run determines its whole gain.
         """
         own = self.values(effort, data, inner)
-        if _is_spanned(effort, columns):
+        left = effort - columns @ np.linalg.lstsq(columns, effort, rcond=None)[0] if columns.size else effort
+        if left @ left <= _SPANNED * (effort @ effort):
             first = effort * self.first_part(data)
             own = own - first @ (data.effort - effort) / max(float(first @ first), _LEAST_SQUARE)
         times = 1.0 + inner["share"] * own[block_index(data.run)[1]]

@@ -123,7 +123,10 @@ def smoothing_bias(blocked: BlockedData, effort: FloatArray, filters: Differenti
         for half, order in windows:
             if round(half / block) > 0:
                 kernel = smoothing_kernel(half, order, block)
-                residues = _smoothing_residues(signal, kernel, blocked.run)
+                powers = [signal]  # the kernel's high-pass complement, applied repeatedly: van Cittert (1931)
+                for _ in range(_POWERS):
+                    powers.append(powers[-1] - _convolve(powers[-1], kernel, blocked.run))
+                residues = np.column_stack(powers[1:])
                 columns.append(residues if signal is acceleration else residues.sum(axis=1, keepdims=True))
     return np.hstack(columns)
 
@@ -153,14 +156,6 @@ def smoothing_kernel(half: int, order: int, block: int = 1) -> FloatArray:
     kernel /= kernel.sum()
     kernel.setflags(write=False)
     return kernel
-
-
-def _smoothing_residues(signal: FloatArray, kernel: FloatArray, run: IntArray) -> FloatArray:
-    """Apply a kernel's high-pass complement to a signal (m,) repeatedly, (m, powers): van Cittert (1931)."""
-    powers = [signal]
-    for _ in range(_POWERS):
-        powers.append(powers[-1] - _convolve(powers[-1], kernel, run))
-    return np.column_stack(powers[1:])
 
 
 def _convolve(signal: FloatArray, kernel: FloatArray, run: IntArray) -> FloatArray:

@@ -65,8 +65,11 @@ def is_one_pass(time_s: FloatArray, position: FloatArray, run: IntArray) -> bool
     """
     if not never_returns(position, run):
         return False
-    if run[0] == run[-1] and not _has_hold(time_s, position):
-        return True
+    if run[0] == run[-1]:
+        even = np.interp(np.linspace(time_s[0], time_s[-1], _STEPS + 1), time_s, position)
+        moved = np.abs(even[_STEPS // _PARTS :] - even[: -(_STEPS // _PARTS)])
+        if not moved.min() < _HOLD_SHARE * np.ptp(position) / _PARTS:
+            return True
     speeds = []
     for rows in rows_of_runs(run):
         displacement, duration_s = position[rows] - position[rows].mean(), float(np.ptp(time_s[rows]))
@@ -94,14 +97,6 @@ def has_constant_speed(velocity: FloatArray) -> bool:
         return False
     slow, fast = np.quantile(speed[speed >= _MOVING_SHARE * np.quantile(speed, 0.95)], [0.1, 0.9])
     return bool(fast < (1.0 + _SAME_SPEED) * slow)
-
-
-def _has_hold(time_s: FloatArray, position: FloatArray) -> bool:
-    """Return whether a motion (n,) is nearly at rest for 5 % of its duration."""
-    even = np.interp(np.linspace(time_s[0], time_s[-1], _STEPS + 1), time_s, position)
-    window = _STEPS // _PARTS
-    moved = np.abs(even[window:] - even[:-window])
-    return bool(moved.min() < _HOLD_SHARE * np.ptp(position) / _PARTS)
 
 
 def _retreat(position: FloatArray) -> float:

@@ -162,20 +162,18 @@ def next_steps(*commands: tuple[str, str]) -> None:
     """
     console = stderr()
     console.print("\n[bold]Next[/bold]")
-    runnable = [(_with_missing_extra(command), purpose) for command, purpose in commands]
+    runnable = []
+    for command, purpose in commands:
+        typed = _format_command(command)
+        needed = next((part for start, part in _NEEDED_MODULES.items() if command.startswith(start)), None)
+        if needed is not None and not find_spec(needed):
+            typed = f"{_format_command(install_command(EXTRAS[needed][1]))} && {typed}"
+        runnable.append((typed, purpose))
     width = max(len(command) for command, _ in runnable)
     fits = all(width + len(purpose) + 4 <= console.width for _, purpose in runnable)
     for command, purpose in runnable:
         between = f"\n{' ' * 6}" if console.is_terminal and not fits else " " * (width - len(command) + 2)
         console.print(f"  [cyan]{escape(command)}[/cyan]{between}[dim]{purpose}[/dim]", soft_wrap=True)
-
-
-def _with_missing_extra(command: str) -> str:
-    """Return a command as it can be typed here, behind the installation of its extra if that is missing."""
-    needed = next((module for start, module in _NEEDED_MODULES.items() if command.startswith(start)), None)
-    if needed is None or find_spec(needed):
-        return _format_command(command)
-    return f"{_format_command(install_command(EXTRAS[needed][1]))} && {_format_command(command)}"
 
 
 def has_display() -> bool:

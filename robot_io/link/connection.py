@@ -148,7 +148,9 @@ class LinkConnection:
         self._waiting: deque[tuple[float, bytes]] = deque(maxlen=_WAITING)
         self._network = NetworkEmulator(settings.impairment) if settings.impairment else None
         config = _config(role, settings)
-        self.is_open_here = role == "follower" and settings.key is None and not _certified(config)
+        is_mutual = bool(json.loads(config.get_json(_TLS))["enable_mtls"])  # both sides need a certificate
+        is_certified = is_mutual and all(e.startswith(("tls/", "quic/")) for e in _endpoints(config))
+        self.is_open_here = role == "follower" and settings.key is None and not is_certified
         if self.is_open_here:
             _restrict_to_this_machine(config, settings)
         self._over_udp = any("udp/" in config.get_json(f"{key}/endpoints") for key in ("listen", "connect"))
@@ -280,12 +282,6 @@ def _config(role: Role, settings: LinkSettings) -> "zenoh.Config":
     }.items():
         config.insert_json5(key, json.dumps(value))
     return config
-
-
-def _certified(config: "zenoh.Config") -> bool:
-    """Return whether both sides need a certificate."""
-    is_mutual = bool(json.loads(config.get_json(_TLS))["enable_mtls"])
-    return is_mutual and all(endpoint.startswith(("tls/", "quic/")) for endpoint in _endpoints(config))
 
 
 def _restrict_to_this_machine(config: "zenoh.Config", settings: LinkSettings) -> None:

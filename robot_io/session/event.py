@@ -119,7 +119,11 @@ def encode_event(event: Event) -> bytes:
         event: to encode.
     """
     keyed = {str(key): value for key, value in (event.data or {}).items()}
-    data_json = "" if event.data is None else json.dumps(keyed, default=_to_json_value)
+    data_json = ""
+    if event.data is not None:
+        data_json = json.dumps(
+            keyed, default=lambda v: v.tolist() if isinstance(v, np.ndarray | np.generic) else str(v)
+        )
     encoded = _serialize_event(event, event.text, data_json)
     if len(encoded) <= MAX_EVENT_BYTES:
         return encoded
@@ -132,10 +136,6 @@ def _serialize_event(event: Event, text: str, data_json: str) -> bytes:
     message = _EventMessage(time_s=event.time_s, kind=kind, text=text, data_json=data_json)
     data: bytes = message.SerializeToString()
     return data
-
-
-def _to_json_value(value: object) -> object:
-    return value.tolist() if isinstance(value, np.ndarray | np.generic) else str(value)
 
 
 def decode_event(data: bytes) -> Event:

@@ -244,7 +244,11 @@ def open_memory(streams: Sequence[Stream], ring_slots: int) -> int:
         SessionError: there is not enough memory.
     """
     size = _size_bytes(_layout(streams, ring_slots))
-    memory = os.memfd_create("palpate-log") if hasattr(os, "memfd_create") else _unlinked_file()
+    if hasattr(os, "memfd_create"):
+        memory = os.memfd_create("palpate-log")
+    else:
+        with tempfile.TemporaryFile() as file:
+            memory = os.dup(file.fileno())
     try:
         # Written rather than only reserved, so that no first access to a page delays the control loop.
         written = 0
@@ -257,11 +261,6 @@ def open_memory(streams: Sequence[Stream], ring_slots: int) -> int:
             "free some, or raise the limit on the size of files (ulimit -f)"
         ) from error
     return memory
-
-
-def _unlinked_file() -> int:
-    with tempfile.TemporaryFile() as file:
-        return os.dup(file.fileno())
 
 
 def check_streams(streams: Sequence[Stream]) -> None:

@@ -273,7 +273,12 @@ class _PointMass(PlantEffect):
             robot = parse_urdf(urdf_text)
         except ValueError as error:
             raise InputError(f"URDF: {error}") from error
-        carrier, xyz = _far_end(robot, tip_frame, self.index)
+        movable = [joint for joint in joints_to_root(robot, tip_frame)[::-1] if joint.get("type") != "fixed"]
+        carrier, xyz = tip_frame, "0 0 0"
+        if self.index + 1 < len(movable):
+            carrier = linked_name(movable[self.index + 1], "parent")
+            if (origin := movable[self.index + 1].find("origin")) is not None:
+                xyz = origin.get("xyz", xyz)
         name = f"hidden_payload_{len(robot.findall('link'))}"
         inertial = ET.SubElement(ET.SubElement(robot, "link", name=name), "inertial")
         ET.SubElement(inertial, "mass", value=repr(self.mass_kg))
@@ -284,16 +289,6 @@ class _PointMass(PlantEffect):
         ET.SubElement(mount, "child", link=name)
         ET.SubElement(mount, "origin", xyz=xyz)
         return ET.tostring(robot, encoding="unicode")
-
-
-def _far_end(robot: ET.Element, tip_frame: str, index: int) -> tuple[str, str]:
-    """The link behind the movable joint `index` of the chain to the tip, and the place of its far end."""
-    movable = [joint for joint in joints_to_root(robot, tip_frame)[::-1] if joint.get("type") != "fixed"]
-    if index + 1 >= len(movable):
-        return tip_frame, "0 0 0"
-    origin = movable[index + 1].find("origin")
-    carrier = linked_name(movable[index + 1], "parent")
-    return carrier, "0 0 0" if origin is None else origin.get("xyz", "0 0 0")
 
 
 class HiddenGravityTilt(Imperfection):

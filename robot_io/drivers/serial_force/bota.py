@@ -133,23 +133,23 @@ class BotaStream(ReadingStream):
         self.sensor_clock = SensorClock()
 
     def feed(self, data: bytes) -> list[float]:
-        forces_n = [force_n for sample in self._frames.feed(data) for force_n in self._forces(sample)]
+        forces_n = []
+        for sample in self._frames.feed(data):
+            is_new, is_skipped = self._is_new(sample.time_us), sample.status & _SKIPPED
+            self._skipped = self._skipped + 1 if is_skipped else 0
+            if not is_new or (is_skipped and self._skipped < _MANY_SKIPPED):
+                self._left_out += 1
+                continue
+            errors = sample.status & ~_OVERRANGE
+            problem = f"the sensor says '{bit_names(errors, _STATUS)}'" if errors else ""
+            self.fault_text = self._restarted or problem
+            force_n = sample.forces_n[self._axis]
+            if sample.status & _OVERRANGE:
+                force_n = copysign(max(abs(force_n), self._capacity_n), force_n)
+            if not errors:
+                forces_n.append(force_n)
         self.rejected = self._frames.rejected + self._left_out
         return forces_n
-
-    def _forces(self, sample: BotaSample) -> list[float]:
-        is_new, is_skipped = self._is_new(sample.time_us), sample.status & _SKIPPED
-        self._skipped = self._skipped + 1 if is_skipped else 0
-        if not is_new or (is_skipped and self._skipped < _MANY_SKIPPED):
-            self._left_out += 1
-            return []
-        errors = sample.status & ~_OVERRANGE
-        problem = f"the sensor says '{bit_names(errors, _STATUS)}'" if errors else ""
-        self.fault_text = self._restarted or problem
-        force_n = sample.forces_n[self._axis]
-        if sample.status & _OVERRANGE:
-            force_n = copysign(max(abs(force_n), self._capacity_n), force_n)
-        return [] if errors else [force_n]
 
     def _is_new(self, time_us: int) -> bool:
         goes_on, odd_goes_on = _follows(time_us, self._time_us), _follows(time_us, self._odd_us)
