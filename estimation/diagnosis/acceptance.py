@@ -24,6 +24,7 @@ from palpate.estimation.diagnosis.candidates import (
     parameter_count,
 )
 from palpate.estimation.diagnosis.forms import (
+    AS_GOOD,
     AS_MUCH,
     MOST_OF_LAW,
     SLOW,
@@ -41,7 +42,6 @@ from palpate.estimation.kinds import PHYSICAL_KINDS, SENSOR_KINDS, Kind
 from palpate.estimation.signals.motion import is_stepwise_command
 from palpate.robot_io.types import FloatArray
 
-AS_GOOD = 0.9  # a flexible regression that leaves less than this share of a model's squared error is better
 CompletenessTest = Callable[[FitResult], bool]
 _MAX_RIVALS = 5  # most alternatives tested per effect; each must explain at least half as much
 # Least gain of a flexible regression, as a share of the squared error that the effects explain. No law is

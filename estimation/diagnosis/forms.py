@@ -45,6 +45,7 @@ _RIDGES = (1e-6, 1e-4, 1e-2)  # tried ridge penalties of a law
 _COLLINEAR = 1e-9  # ridge penalty of the model's own columns
 MOST_OF_LAW = 0.8  # least ratio of the mean squares explained by an accepted form and by its kind's law
 _MIN_TRIED = 0.5  # the same for a form that is tried in a model with the forms of all kinds
+AS_GOOD = 0.9  # a flexible regression that leaves less than this share of a model's squared error is better
 AS_MUCH = 0.95  # ratio of explained mean squares above which forms or kinds count as equivalent
 SLOW = 1.5  # ratio of the error to the noise above which the error is slower than noise of the readings
 _EXACT = 0.01  # largest mean square that the kind's law adds to an exact form, relative to the form's own
@@ -197,21 +198,21 @@ def error_of_kinds(start: FitResult, *, with_laws: bool = True) -> BestVariant:
     laws = flexible_laws(
         blocked, refitted, effort, solution.residual, used, slope=slope, has_weight=has_weight
     )
-    bases = [(base, target)]
-    if _OFFSET in solution.parameters:
-        # The fitted surface of a wrong model may be far from the first touch, where a better law begins.
-        at_touch = replace(solution, parameters={**solution.parameters, _OFFSET: 0.0})
-        bases.append(_base_columns(replace(start, solution=at_touch)))
-
-    def error_with(laws: Sequence[FlexibleLaw]) -> BestVariant:
-        return BestVariant([HeldOutError(base, laws, target, blocked, used) for base, target in bases])
-
-    error = error_with(laws)
-    if not is_contact or Kind.FRICTION not in error.kinds:
-        return error
-    # Friction acts on the sides of the tool, or inside the object, which only pushes: the data decide.
-    inside = [replace(law, one_sided=law.one_sided or Kind.FRICTION in law.kinds) for law in laws]
-    return min((error, error_with(inside)), key=lambda error: error.mean_square(frozenset({Kind.FRICTION})))
+    error = HeldOutError(base, laws, target, blocked, used)
+    if is_contact and Kind.FRICTION in error.kinds:
+        # Friction acts on the sides of the tool, or inside the object, which only pushes: the data decide.
+        inside = [replace(law, one_sided=law.one_sided or Kind.FRICTION in law.kinds) for law in laws]
+        errors = error, HeldOutError(base, inside, target, blocked, used)
+        error = min(errors, key=lambda error: error.mean_square(frozenset({Kind.FRICTION})))
+    if _OFFSET not in solution.parameters:
+        return BestVariant([error])
+    # The fitted surface of a wrong model may be far from the first touch, where a better law begins.
+    at_touch = replace(solution, parameters={**solution.parameters, _OFFSET: 0.0})
+    base, target = _base_columns(replace(start, solution=at_touch))
+    other = HeldOutError(base, error.laws, target, blocked, used)
+    sets = [frozenset(error.kinds), *(frozenset({kind}) for kind in error.kinds)]
+    is_better = any(other.mean_square(kinds) < AS_GOOD * error.mean_square(kinds) for kinds in sets)
+    return BestVariant([error, other] if is_better else [error])
 
 
 def _slope_by_position(fit: FitResult) -> FloatArray:

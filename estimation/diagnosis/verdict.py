@@ -18,7 +18,6 @@ from palpate.estimation.design.next_experiment import (
     propose_separating_experiment,
 )
 from palpate.estimation.diagnosis.acceptance import (
-    AS_GOOD,
     MIN_OF_UNEXPLAINED,
     FormCriteria,
     as_good_effects,
@@ -30,6 +29,7 @@ from palpate.estimation.diagnosis.bootstrap import encoder_step_error, is_mostly
 from palpate.estimation.diagnosis.extension import fit_extended
 from palpate.estimation.diagnosis.extrapolation import Extrapolation, extrapolation
 from palpate.estimation.diagnosis.forms import (
+    AS_GOOD,
     SLOW,
     Form,
     FormTest,
