@@ -13,6 +13,7 @@ from palpate.common.console import count
 from palpate.common.files import atomic_write_all
 from palpate.control.loop.task import Phase
 from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.import_rows import UNKNOWN_PHASE
 from palpate.estimation.data_quality import list_warnings
 from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.estimation.diagnosis.result import ParameterValue
@@ -42,9 +43,8 @@ from palpate.robot_io.types import BoolArray, FloatArray
 
 _TO_MILLI = 1e3
 _GAP = 0.05  # gap between runs on the time axis, as a share of the mean run
-_SHOWS = 0.1  # smallest share of the inward motion in an approach that shows its speed
 _SAME_SPEED = 1.06  # ratio up to which speeds count as the same
-_QUICK = 0.9  # quantile of inward velocity that is taken as the speed of a run without phases
+_INWARD = (Phase.APPROACH, Phase.LOADING, UNKNOWN_PHASE)
 _TERM = re.compile(r"[,;] (?![^(]*\))")  # separator between a term and its conditions, outside parentheses
 
 
@@ -164,14 +164,13 @@ def _run_speeds(data: ChannelData) -> dict[int, str]:
         return {}
     speeds = dict[int, float]()
     for rows in blocks(data.run):
-        # inward speed before the touch [mm/s]; for a short approach, a high quantile of the inward speed
+        # Median over the distance: it leaves out acceleration, and slow motion while the force settles.
         velocity = data.velocity[rows]
-        approaching, inward = velocity[data.phase[rows] == Phase.APPROACH], velocity[velocity > 0.0]
+        inward = np.sort(velocity[np.isin(data.phase[rows], _INWARD) & (velocity > 0.0)])
         if data.run[rows.start] >= 0:
-            speed = float(np.quantile(inward, _QUICK)) if len(inward) else 0.0
-            if len(approaching) > _SHOWS * len(inward):
-                speed = float(np.median(approaching))
-            speeds[int(data.run[rows.start])] = _TO_MILLI * speed
+            covered = np.cumsum(inward)  # distance, up to a constant
+            speed = inward[np.searchsorted(covered, covered[-1] / 2)] if len(inward) else 0.0
+            speeds[int(data.run[rows.start])] = _TO_MILLI * float(speed)
     groups = list[list[tuple[int, float]]]()
     for run, speed in sorted(speeds.items(), key=lambda pair: pair[1]):
         if not groups or speed > _SAME_SPEED * groups[-1][0][1]:

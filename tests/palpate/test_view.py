@@ -173,10 +173,39 @@ def test_runs_are_named_by_speed_from_slow_to_fast(contact):
     nearly = np.where(contact.run == 1, 0.98 * 150 / 90, 1.0) * contact.velocity
     words = _run_speeds(replace(contact, velocity=nearly))
     assert words[0] == words[1] != words[2]
-    short = (contact.phase != Phase.APPROACH) | (np.arange(len(contact.run)) % 40 == 0)
-    slow = contact.select(short)
-    slow = replace(slow, velocity=np.where(slow.phase == Phase.APPROACH, 1e-6, slow.velocity))
-    assert min(float(word.split()[0]) for word in _run_speeds(slow).values()) > 1.0
+
+
+@pytest.mark.parametrize("is_known", [True, False])
+def test_a_press_that_accelerates_until_the_touch_is_named_by_its_own_speed(is_known):
+    speeds_mm_s, step_s = (90, 60, 30, 15, 5), 0.002
+    runs, phases, velocities = [], [], []
+    for run, speed in enumerate(speeds_mm_s):
+        moving_s = 5 / speed  # 5 mm of loading after an approach that accelerates, then a hold that trembles
+        parts = [
+            np.linspace(0, speed, 20),
+            np.full(round(moving_s / step_s), speed),
+            3 * np.sin(np.arange(5000)),
+        ]
+        velocities += parts
+        phases += [np.full(len(part), phase) for part, phase in zip(parts, (2, 3, 4), strict=True)]
+        runs.append(np.full(sum(map(len, parts)), run))
+    run, phase, velocity = map(np.concatenate, (runs, phases, velocities))
+    if not is_known:
+        run, velocity = run[phase != Phase.HOLD], velocity[phase != Phase.HOLD]
+        phase = np.full(len(run), -1)
+    zero = np.zeros(len(run))
+    data = ChannelData(
+        "contact",
+        ChannelKind.CONTACT,
+        step_s * np.arange(len(run)),
+        zero,
+        velocity / 1e3,
+        zero,
+        zero,
+        run,
+        phase,
+    )
+    assert _run_speeds(data) == {i: f"{speed:.2g} mm/s" for i, speed in enumerate(speeds_mm_s)}
 
 
 def test_runs_that_each_begin_at_zero_are_shown_in_sequence(contact):
