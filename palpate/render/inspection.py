@@ -14,8 +14,9 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.channels import session_channels
 from palpate.estimation.data.tick_channels import checked_ticks
 from palpate.estimation.estimate import with_unit
+from palpate.estimation.study import ModelStudy
 from palpate.estimation.study.channels import CONTACT_MODEL
-from palpate.estimation.study.estimates import PREFERRED, ChannelEstimates, estimate_with
+from palpate.estimation.study.estimates import PREFERRED, ChannelEstimates
 from palpate.render.build import channel_view
 from palpate.render.estimates import estimates_view, markdown_summary
 from palpate.render.recording.revisions import record_rerun
@@ -89,7 +90,7 @@ def inspect_session(session: Session, estimates: ChannelEstimates | None = None)
     contact = next((channel for channel in channels if channel.kind is ChannelKind.CONTACT), None)
     if estimates is None and contact is not None:
         with suppress(InputError):  # too few contact samples for an estimate
-            estimates = estimate_with(contact, CONTACT_MODEL, PREFERRED)
+            estimates = ModelStudy(session.path, CONTACT_MODEL).estimate(PREFERRED, contact.name)[0]
     truth = true_parameters(session)
     ticks: Columns | None = None  # of an arm's session, with two dimensions for vectors of a single joint too
     if STREAM_NAME in session.stream_names and len(session.samples(STREAM_NAME)) >= 2:

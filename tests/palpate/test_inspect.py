@@ -15,9 +15,10 @@ from rerun.chunk import RrdReader
 
 from palpate.commands import demo
 from palpate.doctor.machine import has_vulkan_driver
+from palpate.render.inspection import inspect_session
 from palpate.render.recording import file as rerun_file
 from palpate.robot_io.errors import PalpateError
-from palpate.robot_io.session import Session
+from palpate.robot_io.session import Session, write_session
 from tests.palpate.cli import as_json, done, run, run_process
 from tests.palpate.sessions import synthetic_session
 
@@ -54,6 +55,26 @@ def test_plots_are_saved_in_the_requested_folder(probed, tmp_path):
     page = re.sub("</?b>", "", file.read_text().rpartition("</head>")[2])
     for words in ("kelvin_voigt", "surface at", "contact force [N]", "joint_3: measured and commanded"):
         assert words in page
+
+
+def test_page_warns_like_estimate_where_the_model_does_not_describe_the_data(probed, tmp_path):
+    whole = Session.open(probed[0])
+    ticks = whole.samples("tick")
+    columns = {name: ticks[name] for name in ticks}
+    columns["force_n"] = ticks["force_n"] * (1.0 + 0.1 * ticks["force_n"])  # stiffens
+    path = write_session(tmp_path / "stiffens.mcap", [(ticks.stream, columns)], whole.metadata)
+    inspection = inspect_session(Session.open(path))
+    remarks = inspection.view.channels[0].verdict.remarks
+    (warning,) = (text for text in remarks if "not describe these data" in text)
+    assert "The intervals do not include this model error" in warning
+    assert warning in inspection.scene.summary
+    shown = done("estimate", path, "--estimator", "robust,weighted,lsq").stdout
+    assert warning in " ".join(shown.split())
+    page = inspection.plot(tmp_path).read_text()
+    assert 'class="verdict misses"' in page
+    assert 'class="verdict fits"' not in page
+    assert "correlated noise, but not for the model" in page
+    assert inspect_session(whole).view.channels[0].verdict.word == "fits"
 
 
 def test_session_of_another_arm_with_a_torn_end_is_shown(tmp_path):
