@@ -171,11 +171,11 @@ def rounded(value: float, digits: int = 3) -> str:
 
 
 def with_unit(value: float, unit: str, digits: int = 3) -> str:
-    """Format a value with its unit; see `rounded`.
+    """Format a value with its unit, which is omitted if it is "1"; see `rounded`.
 
     Args:
         value: the value.
         unit: its unit.
         digits: number of significant digits.
     """
-    return f"{rounded(value, digits)} {unit}"
+    return f"{rounded(value, digits)} {unit}".removesuffix(" 1")

@@ -229,21 +229,24 @@ class StudyView:
 
 @dataclass(frozen=True)
 class ResidualMap:
-    """Mean residual over the state: cell centers (p,) and (v,), mean (v, p), NaN if too few samples."""
+    """Mean residual over the state: cell centers (p,) and (v,), mean (v, p), NaN without samples."""
 
     position: FloatArray
     velocity: FloatArray
     mean: FloatArray
 
 
-# Cells per axis; share excluded at each end; fewest samples of a shown cell.
-_CELLS, _OUTER, _LEAST = 36, 0.002, 3
+# Cells per axis; fewest samples of a mean; blocks of cells that are averaged otherwise (velocity, position).
+_CELLS, _LEAST, _BLOCKS = 36, 3, ((3, 12), (3, 4), (1, 4), (1, 1))
 
 
 def residual_map(
     position: FloatArray, velocity: FloatArray, residual: FloatArray, used: BoolArray
 ) -> ResidualMap:
     """Average a residual (n,) over position and velocity, for the samples in `used`.
+
+    A cell with fewer than three samples, as in fast motion, has the mean of the smallest block of cells
+    around it that has three.
 
     Args:
         position: shape (n,).
@@ -254,10 +257,12 @@ def residual_map(
     used = used & np.isfinite(residual)
     velocity, position = velocity[used], position[used]
     edges = [_edges(velocity), _edges(position)]
-    counts = np.histogram2d(velocity, position, edges)[0]
-    sums = np.histogram2d(velocity, position, edges, weights=residual[used])[0]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = np.where(counts >= _LEAST, sums / counts, np.nan)
+    sums = np.stack([np.histogram2d(velocity, position, edges, weights=w)[0] for w in (None, residual[used])])
+    mean = np.full(sums[0].shape, np.nan)
+    for high, wide in _BLOCKS:
+        blocks = sums.reshape(2, _CELLS // high, high, _CELLS // wide, wide).sum(axis=(2, 4))
+        counts, totals = blocks.repeat(high, axis=1).repeat(wide, axis=2)
+        mean = np.where((sums[0] > 0) & (counts >= _LEAST), totals / np.maximum(counts, 1), mean)
     centers = [(edge[1:] + edge[:-1]) / 2 for edge in edges]
     return ResidualMap(centers[1], centers[0], mean)
 
@@ -265,5 +270,5 @@ def residual_map(
 def _edges(values: FloatArray) -> FloatArray:
     if not len(values):
         return np.linspace(0.0, 1.0, _CELLS + 1)
-    low, high = np.quantile(values, [_OUTER, 1.0 - _OUTER])
+    low, high = values.min(), values.max()
     return np.linspace(low, high if high > low else low + 1.0, _CELLS + 1)

@@ -151,8 +151,8 @@ class DiagnosisCard:
             self._buttons = ui.element("div").classes("steps")
             self.offer(self._state.choice.effects)
             if diagnosis.next_experiment is not None:
-                following = ui.label(f"Next: {diagnosis.next_experiment.instruction}").classes("q-mt-sm")
-                set_props(following, title=f"To {diagnosis.next_experiment.purpose}.")
+                following = diagnosis.next_experiment
+                ui.label(f"Next: {following.instruction}, to {following.purpose}").classes("q-mt-sm")
             self._more()
 
 

@@ -125,6 +125,7 @@ class EffectList:
         self._rows.on("tick", tick)
         self._rows.on("picture", lambda event: open_gallery(self._state, event.args))
         self.show(self._state.choice.effects)
+        self.arrange()
 
     def show(self, chosen: tuple[str, ...]) -> None:
         """Tick the selected effects.
@@ -184,7 +185,8 @@ class EffectList:
                 "about": elements.EVIDENCE,
                 "share": round(_BAR_PX * falls),
             }
-            if not self._evidence:  # later the order stays until all effects are computed again
+            # later, and in a frame, the order stays until all effects are computed
+            if not (self._evidence or self._rows.by_name[name]["alike"]):
                 change["order"] = _rank(evidence.falls, chosen=evidence.effect in self._state.choice.effects)
             self._rows.change({evidence.effect: change})
         self._evidence = weighed
@@ -196,20 +198,22 @@ class EffectList:
         rows, placed = self._rows.by_name, set[str]()
         changes = {name: {**_APART, "order": rows[name]["order"]} for name in self._effects}
         diagnosis = self._state.diagnosis
-        accepted = diagnosis.accepted if diagnosis is not None else ()
-        named = {entry.effect: entry.confused_with for entry in accepted}
-        for group in groups(self._evidence):
-            names = [evidence.effect for evidence in group]
-            if len(names) > 1:
-                self._rivals |= dict.fromkeys(names, tuple(names))
-            known = [self._rivals.get(name, ()) for name in names if name in self._state.choice.effects]
-            rivals = chain(*known, *(named.get(name, ()) for name in names))
-            every = dict.fromkeys([*names, *rivals])
-            names = [name for name in every if name in self._effects and name not in placed]
+        if diagnosis is not None:
+            confused = [[entry.effect, *entry.confused_with] for entry in diagnosis.accepted]
+            alike = [*confused, *([evidence.effect] for evidence in self._evidence)]
+        else:
+            alike = [[evidence.effect for evidence in group] for group in groups(self._evidence)]
+            self._rivals |= {name: tuple(names) for names in alike if len(names) > 1 for name in names}
+            chosen = self._state.choice.effects
+            for names in alike:
+                names.extend(chain(*[self._rivals.get(name, ()) for name in names if name in chosen]))
+        for group in alike:
+            names = [name for name in dict.fromkeys(group) if name in self._effects and name not in placed]
             placed.update(names)
-            chosen = any(name in self._state.choice.effects for name in names)
+            is_chosen = any(name in self._state.choice.effects for name in names)
+            falls = max((each.falls for each in self._evidence if each.effect in names), default=0.0)
             for name in names:
-                changes[name] |= {"order": _rank(group[0].falls, chosen=chosen), "alike": len(names) > 1}
+                changes[name] |= {"order": _rank(falls, chosen=is_chosen), "alike": len(names) > 1}
             if len(names) > 1:
                 # Last effect in the order of the page.
                 last = [name for name in self._effects if name in names][-1]

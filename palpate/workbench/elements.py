@@ -165,19 +165,20 @@ ERROR = (
     "Root mean square of measured minus predicted effort in runs that the gains were not fitted to: "
     "each run is predicted from the others."
 )
-NOISE_LEVEL = (
-    "The error that noise alone would leave if no effect were missing, estimated by a flexible regression."
-)
+NOISE_LEVEL = "The error that noise alone would leave if no effect were missing, or an upper bound of it."
 ROUGH = "preview, refining …"
-FALL = "Error in held-out runs, one bar for each effect added; the green line is the noise level."
+FALL = "Error in held-out runs, one bar for each effect added; the green line is the noise."
 CURVES = "Blue: measured; gray: base model; orange: chosen model. Below: measured minus model."
 STATE = "Curves over position and over velocity: loops show damping or friction, bends show stiffness."
-MAP = "Mean of measured minus model over position and velocity: red above, blue below; a good model is pale."
+MAP = (
+    "Mean of measured minus model over position and velocity: red above, blue below; a good model is pale. "
+    "Where a cell has fewer than three samples, neighboring cells count as well."
+)
 BUDGET = f"Shares of the base model's squared error in held-out runs, by kind of effect. {RANGE_MEANING}"
 EVIDENCE = "Share of the held-out error that this effect removes in addition to the other ticked effects."
 ALIKE = (
-    "The changes that these effects make have a cosine above 0.95; a diagnosis says whether these data "
-    "can tell them apart."
+    "According to the diagnosis; before it, effects whose changes of the model have a cosine above 0.95, "
+    "which a diagnosis may still tell apart."
 )
 INTERVAL = "95 % interval: if the model is right, 19 of 20 experiments like this one give a value within it."
 SLIDER = "Drag to see the curves at another value; other parameters keep their values, and nothing is fitted."
@@ -194,6 +195,7 @@ HELD_OUT = (
 )
 CURSORS = "Click on the curves to set cursor A or B, or type a time: values and differences are read there."
 KEEP = "Keep the chosen effects as a revision, as palpate add does; go back to it at any time."
+NOT_KEPT = ": the fit of all parameters; values of sliders, held values and bounds are not kept"
 REVISIONS = "Models that were kept, here or by the command line; choose one to go back to it."
 GATES = "Checked before fitting: a fit to unsuitable data gives wrong parameters."
 DIAGNOSE = (

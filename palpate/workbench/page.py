@@ -15,7 +15,7 @@ from nicegui import events, ui
 from palpate.common.files import derived_folder, output_folder
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.estimate import with_unit
-from palpate.render.build import REPORT, axes_of
+from palpate.render.build import REPORT
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.workbench import elements
 from palpate.workbench.diagnosis import DiagnosisCard, riddle_card
@@ -251,7 +251,7 @@ class Page:
         predicted, scored = shown.fitted.predict(shown.values), shown.base.scored
         self._center.preview(predicted)
         error = float(np.sqrt(np.mean((shown.fitted.data.effort - predicted)[scored] ** 2)))
-        self._error.preview(error, axes_of(shown.fitted.data.kind).effort_unit, shown.noise)
+        self._error.preview(shown, error)
 
     def _header(self, refused: str | None) -> None:
         study, choice = self.state.study, self.state.choice
@@ -308,7 +308,8 @@ class Page:
         """Save the selected effects as a revision."""
         with errors_as_warnings():
             revisions = await asyncio.to_thread(self.state.save_revisions)
-            ui.notify(f"kept as revision {revisions[-1].number}", type="positive")
+            text = f"kept as revision {revisions[-1].number}{_not_kept(self.state.choice)}"
+            ui.notify(text, type="positive")
             self._list_revisions()
 
     async def write_report(self) -> None:
@@ -324,7 +325,13 @@ class Page:
             self._list_revisions()
             address = self._home.serve_report(written)
             link = f'<a href="{address}" target="_blank">report: {escape(str(written))}</a>'
-            ui.notify(link, type="positive", multi_line=True, timeout=10_000, html=True)
+            ui.notify(
+                link + _not_kept(self.state.choice),
+                type="positive",
+                multi_line=True,
+                timeout=10_000,
+                html=True,
+            )
 
     def _list_revisions(self) -> None:
         self._revisions.clear()
@@ -339,6 +346,10 @@ class Page:
                 ui.button(text, on_click=work).props("flat dense no-caps align=left").classes("revision")
             if not revisions:
                 ui.label("no revisions yet").classes("quiet")
+
+
+def _not_kept(choice: ModelSelection) -> str:
+    return elements.NOT_KEPT if choice.slider_values or choice.held or choice.bounds else ""
 
 
 def _button(text: str, icon: str, work: Callable[[], object], about: str, look: str = "flat") -> ui.button:

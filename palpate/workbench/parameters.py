@@ -6,10 +6,12 @@ from html import escape
 
 from nicegui import events, ui
 
-from palpate.common.console import AT_BOUND, NOT_DETERMINED, significant
-from palpate.estimation.estimate import ParameterEstimate, with_unit
+from palpate.common.console import significant
+from palpate.estimation.estimate import ParameterEstimate, rounded, with_unit
 from palpate.estimation.fit.fit_result import FitResult
+from palpate.estimation.fit.measurement_noise import MeasurementNoise
 from palpate.render.diagnosis import unphysical_remarks
+from palpate.render.terminal import with_interval
 from palpate.render.view import NOISE
 from palpate.workbench import elements
 from palpate.workbench.elements import errors_as_warnings, heading, set_props
@@ -39,7 +41,7 @@ class ErrorCard:
     def show(self, shown: DisplayedFit) -> None:
         """Show the error of a fit; `judge` shows whether it is good."""
         unit, error = shown.fitted.data.kind.effort_unit, shown.fitted.rmse
-        self._number.set_content(_number(error, unit, shown.noise, elements.ROUGH if shown.is_rough else ""))
+        self._number.set_content(_number(error, shown, elements.ROUGH if shown.is_rough else ""))
         self._fall.set_content(waterfall(shown.steps, shown.noise, unit))
         self._wrong.set_text("")
         if shown.fitted is self._judged:
@@ -48,32 +50,36 @@ class ErrorCard:
     def judge(self, shown: DisplayedFit) -> None:
         """Show whether a fit with known intervals is good; a small error does not suffice."""
         self._judged = fit = shown.fitted
-        unit, noise = fit.data.kind.effort_unit, shown.noise
         # with this model; the noise level of the channel was estimated with the base model
         least = fit.smooth_law_error
         more = fit.rmse > NOISE * least
-        is_hidden = more and fit.rmse < NOISE * noise
-        comparison = f"a flexible regression reaches {with_unit(least, unit)}" if is_hidden else ""
+        is_hidden = more and fit.rmse < NOISE * shown.noise.value
+        reached = with_unit(least, fit.data.kind.effort_unit)
+        comparison = f"a flexible regression reaches {reached}" if is_hidden else ""
         kind = "" if more or fit.unphysical else "fits"
-        self._number.set_content(_number(fit.rmse, unit, noise, comparison, kind))
+        self._number.set_content(_number(fit.rmse, shown, comparison, kind))
         self._wrong.set_text(" ".join(unphysical_remarks(fit.unphysical)))
 
-    def preview(self, error: float, unit: str, noise: float) -> None:
-        """Show the error at the values of the sliders.
+    def preview(self, shown: DisplayedFit, error: float) -> None:
+        """Show the error at the values of the sliders, below those of the fits.
 
         Args:
-            error: held-out error [unit].
-            unit: unit of the effort.
-            noise: noise level of the channel [unit].
+            shown: the fit whose sliders were moved.
+            error: error at the sliders' values, in the effort's unit.
         """
         self._wrong.set_text("")  # applies to the fit only
-        self._number.set_content(_number(error, unit, noise, "at these values"))
+        self._number.set_content(_number(error, shown, "at these values"))
+        steps = (*shown.steps, ("moved sliders", error))
+        self._fall.set_content(waterfall(steps, shown.noise, shown.fitted.data.kind.effort_unit))
 
 
-def _number(error: float, unit: str, noise: float, what: str = "", kind: str = "") -> str:
-    times = error / noise if noise > 0.0 else math.inf
-    at_noise = times < NOISE
-    beside = "at the noise level" if at_noise else f"{times:.1f} × noise level"
+def _number(error: float, shown: DisplayedFit, what: str = "", kind: str = "") -> str:
+    noise, unit = shown.noise, shown.fitted.data.kind.effort_unit
+    times = error / noise.value if noise.value > 0.0 else math.inf
+    at_noise = times < NOISE and not shown.is_incomplete
+    beside = f"{'≥ ' * noise.is_bound}{times:.1f} × noise level"
+    if at_noise:
+        beside = "may be noise" if noise.is_bound else "at the noise level"
     is_rough = what == elements.ROUGH
     return (
         f'<b data-error="{error!r}"{" data-rough" * is_rough} class="{kind if at_noise else ""}" '
@@ -82,12 +88,12 @@ def _number(error: float, unit: str, noise: float, what: str = "", kind: str = "
     )
 
 
-def waterfall(steps: tuple[tuple[str, float], ...], noise: float, unit: str) -> str:
+def waterfall(steps: tuple[tuple[str, float], ...], noise: MeasurementNoise, unit: str) -> str:
     """Return the error of each stage as bars, with the noise level as a line.
 
     Args:
         steps: label and held-out error of each stage.
-        noise: noise level [unit].
+        noise: noise of the channel.
         unit: unit of the effort.
     """
     most = max(error for _, error in steps) or 1.0
@@ -98,12 +104,11 @@ def waterfall(steps: tuple[tuple[str, float], ...], noise: float, unit: str) -> 
         rows.append(
             f'<div class="step"><span class="label">{escape(label)}</span><span class="track">'
             f'<i class="{kind}" style="width:{100 * error / most:.1f}%"></i>'
-            f'<u style="left:{100 * min(noise / most, 1.0):.1f}%"></u></span>'
+            f'<u style="left:{100 * min(noise.value / most, 1.0):.1f}%"></u></span>'
             f'<span class="value">{with_unit(error, unit)}<em>{falls}</em></span></div>'
         )
         before = error
-    level = f'<div class="noise">noise level {with_unit(noise, unit)}</div>'
-    return f'<div class="fall">{"".join(rows)}{level}</div>'
+    return f'<div class="fall">{"".join(rows)}<div class="noise">noise {noise.describe(unit)}</div></div>'
 
 
 class Parameters:
@@ -181,22 +186,21 @@ class Parameters:
         fitted, choice = self._shown.fitted, self._shown.choice
         unit = {**fitted.model.gains, **fitted.model.inner}[name].unit_of(fitted.data.kind)
         estimate = self._estimates.get(name)
-        if estimate is None:
-            text = "± …"
-        elif estimate.at_bound:
-            text = AT_BOUND
-        else:
-            half = estimate.half_interval
-            text = f"± {significant(half, half)}" if math.isfinite(half) else NOT_DETERMINED
+        number = value = rounded(fitted.values[name], 4)
+        text = "± …"
+        if estimate is not None:
+            value, text = with_interval(estimate)
+            number = value
         if name in choice.slider_values:
-            value = fitted.values[name] if estimate is None else estimate.value
-            text = f"held at {value:.4g}" if name in choice.held else f"fit: {value:.4g} {text}"
+            half = None if estimate is None or estimate.at_bound else estimate.half_interval
+            number = significant(self._values[name], half)
+            text = f"held at {value}" if name in choice.held else f"fit: {value} {text}"
         elif name in choice.held:
             text = "held"
         elif name in choice.bounds:
             low, high = choice.bounds[name]
             text = f"within {low:.3g} to {high:.3g}, {text}"
-        self._numbers[name].set_text(with_unit(self._values[name], unit, 4))
+        self._numbers[name].set_text(f"{number} {unit}".removesuffix(" 1"))
         self._intervals[name].set_text(text)
 
     def _row(self, name: str) -> None:

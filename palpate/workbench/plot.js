@@ -39,18 +39,14 @@ export default {
       this.paint();
     },
     resize() {
-      if (this.narrow !== this.isNarrow()) {
-        this.stale = true;
-        this.paint();
-      } else if (this.begun && this.visible) this.Plotly.Plots.resize(this.$el);
-    },
-    isNarrow() {
-      return Boolean(this.now.narrow) && this.$el.clientWidth < 460;
+      if (!this.begun || this.width === this.$el.clientWidth) return;
+      this.stale = true; // a hidden figure is drawn at the new width once it is seen
+      this.paint();
     },
     layout() {
-      this.narrow = this.isNarrow();
-      const layout = { ...this.now.layout };
-      if (this.narrow)
+      this.width = this.$el.clientWidth;
+      const layout = { ...this.now.layout, width: this.width };
+      if (this.now.narrow && this.width < 460)
         for (const [name, value] of Object.entries(this.now.narrow))
           layout[name] = typeof value === "object" ? { ...layout[name], ...value } : value;
       this.height = layout.height;

@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Mapping, MutableSequence, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
@@ -9,10 +10,11 @@ from typing import TypeVar
 import numpy as np
 
 from palpate.common.console import as_shell_word
-from palpate.estimation.diagnosis import ChannelDiagnosis
+from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.estimation.diagnosis.candidates import applicable_effects
 from palpate.estimation.effect import Effect, Parameter
 from palpate.estimation.fit.fit_result import FitResult
+from palpate.estimation.fit.measurement_noise import MeasurementNoise
 from palpate.estimation.study import Revision, StudyChannel
 from palpate.estimation.study.source import DataSource, joined, open_source
 from palpate.robot_io.errors import InputError
@@ -65,8 +67,9 @@ class DisplayedFit:
     fitted: FitResult  # fit of the selection; intervals are computed on first use
     # Label and held-out error of the base model and of each effect added.
     steps: tuple[tuple[str, float], ...]
-    noise: float  # noise of the channel, independent of the model [effort]
+    noise: MeasurementNoise  # noise of the channel [effort]
     is_rough: bool = False  # whether it is a preview of the fit
+    is_incomplete: bool = False  # whether the diagnosis states that the selected model lacks an effect
 
     @property
     def values(self) -> dict[str, float]:
@@ -134,8 +137,17 @@ class WorkbenchState:
         base = stages[0]
         labels = [base.model.name, *(f"+ {name}" for name in choice.effects), "held and bounded"]
         steps = tuple((label, stage.rmse) for label, stage in zip(labels, stages, strict=False))
-        noise = self.study.noise(choice.channel).value
-        return DisplayedFit(choice, base, stages[-1], steps, noise, is_rough)
+        noise = self.study.noise(choice.channel).below(min(stage.rmse for stage in stages))
+        diagnosis = None
+        with suppress(InputError):  # the card of the diagnosis reports a damaged file
+            diagnosis = self.study.known_diagnosis(self.study.channel(choice.channel))
+        lacks = False
+        if diagnosis is not None and diagnosis.final is not None:
+            noise, names = noise.below(diagnosis.final.rmse), {entry.effect for entry in diagnosis.accepted}
+            is_missing = diagnosis.verdict in {Verdict.MISSING, Verdict.UNEXPLAINED}
+            is_remaining = set(choice.effects) == names and diagnosis.complete is False
+            lacks = is_missing and (not choice.effects or is_remaining)
+        return DisplayedFit(choice, base, stages[-1], steps, noise, is_rough, lacks)
 
     def preview(self, choice: ModelSelection) -> DisplayedFit | None:
         """Predict the result of `show` roughly; None if it is known, or with held or bounded parameters.

@@ -226,6 +226,12 @@ def test_residual_map_averages_scored_samples_in_a_cell(contact):
     assert np.nanmin(signs.mean[signs.velocity > 5.0]) == 1.0
     assert np.nanmax(signs.mean[signs.velocity < -5.0]) == -1.0
     assert signs.position.max() <= 10.0  # mm
+    # every sample of a fast press is in a shown cell, where it is alone
+    x = np.append(np.repeat(np.linspace(0.0, 10.0, 36), 9), np.linspace(0.0, 10.0, 20))
+    speed, used = np.where(np.arange(len(x)) < 324, 0.0, 150.0), np.ones(len(x), dtype=np.bool_)
+    fast = residual_map(x, speed, np.ones(len(x)), used)
+    assert np.isfinite(fast.mean).sum() == 36 + 20
+    np.testing.assert_allclose(fast.mean[np.isfinite(fast.mean)], 1.0)
 
 
 def test_excluded_samples_are_reported(contact):

@@ -128,7 +128,7 @@ def test_every_text_of_a_saved_diagnosis_is_escaped(diagnosed, tmp_path):
     with changed(folder / RESULT, hostile):
         said = shown(state(), tmp_path)
     assert f"Next: instruction: {MARK}" in said
-    assert f"To purpose: {MARK}" in said
+    assert f", to purpose: {MARK}" in said
     assert f"effect: {MARK}" in said
 
 

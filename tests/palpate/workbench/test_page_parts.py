@@ -11,6 +11,7 @@ from nicegui import ui
 
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.effects import EFFECTS
+from palpate.estimation.fit.measurement_noise import MeasurementNoise, NoiseSource
 from palpate.estimation.study.saved_diagnosis import RESULT
 from palpate.render import palette
 from palpate.robot_io.errors import InputError, PalpateError
@@ -38,15 +39,22 @@ def browser(monkeypatch):
     return Browser(monkeypatch)
 
 
+def noise_of(value, *, is_bound=False):
+    return MeasurementNoise(value, NoiseSource.FREE_AIR, None if is_bound else value, 0.0)
+
+
 def test_waterfall_has_a_bar_for_each_stage_and_a_line_at_the_noise():
-    html = waterfall((("a<b", 2.0), ("+ lag", 0.5), ("+ bias", 0.4985), ("+ drift", 1.0)), 0.1, "N")
+    stages = (("a<b", 2.0), ("+ lag", 0.5), ("+ bias", 0.4985), ("+ drift", 1.0))
+    html = waterfall(stages, noise_of(0.1), "N")
     assert re.findall(r"width:([\d.]+)%", html) == ["100.0", "25.0", "24.9", "50.0"]
     assert re.findall(r"left:([\d.]+)%", html) == ["5.0"] * 4
     assert re.findall(r"<em>(.*?)</em>", html) == ["", " −75 %", "", ""]  # no fall below 0.5 %
     assert re.findall(r'<i class="(.*?)"', html) == ["base", "", "", ""]
     assert "a&lt;b" in html
-    assert "noise level 0.1 N" in html
-    assert 'left:100.0%"' in waterfall((("a", 0.0),), 9.0, "N")
+    assert "noise 0.1 N, from free air" in html
+    bound = waterfall((("a", 0.0),), noise_of(9.0, is_bound=True), "N")
+    assert 'left:100.0%"' in bound
+    assert "noise at most 9 N, from free air" in bound
 
 
 @pytest.mark.parametrize(
@@ -70,7 +78,9 @@ def test_error_fits_if_neither_noise_nor_a_flexible_regression_is_below(
     card._wrong = SimpleNamespace(set_text=lambda text: shown.update(wrong=text))
     data = SimpleNamespace(kind=ChannelKind.CONTACT)
     fitted = SimpleNamespace(data=data, rmse=rmse, smooth_law_error=least, unphysical=unphysical)
-    of = SimpleNamespace(fitted=fitted, noise=noise, steps=(("a", 1.0),), is_rough=False)
+    of = SimpleNamespace(
+        fitted=fitted, noise=noise_of(noise), steps=(("a", 1.0),), is_rough=False, is_incomplete=False
+    )
     card.show(of)
     assert 'class="fits"' not in shown["number"]
     card.judge(of)
@@ -78,10 +88,18 @@ def test_error_fits_if_neither_noise_nor_a_flexible_regression_is_below(
     assert ('class="fits"' in shown["number"]) is fits
     assert ("damping.c would be below 0" in shown["wrong"]) is bool(unphysical)
     judged = dict(shown)
-    card.preview(3.0, "N", noise)
+    card.preview(of, 3.0)
     assert shown["wrong"] == ""
+    assert "moved sliders" in shown["fall"]
+    assert '<span class="value">3 N<em>' in shown["fall"]
     card.show(of)  # known already
     assert shown == judged
+    of.noise = noise_of(noise, is_bound=True)
+    for of.is_incomplete, words in ((False, "may be noise"), (True, "≥ 1.0 × noise level")):
+        card.judge(of)
+        if beside == "at the noise level":  # the error is not called noise if the diagnosis says otherwise
+            assert f">{words}</span>" in shown["number"]
+            assert ('class="fits"' in shown["number"]) is (fits and not of.is_incomplete)
 
 
 @pytest.fixture(scope="module")

@@ -30,10 +30,11 @@ from palpate.workbench.file_drop import options_of, suggest_columns, units_of
 from palpate.workbench.live import run_command
 from palpate.workbench.plots import MOST_POINTS, DrawnMotion, picked, time_figure
 from palpate.workbench.processes import FitPrefetcher
-from palpate.workbench.state import EffectEvidence, WorkbenchState, evidence_of, groups
+from palpate.workbench.state import EffectEvidence, ModelSelection, WorkbenchState, evidence_of, groups
 from palpate.workflows.data_options import DataArguments
 from tests.palpate.presses import write_own_effect, write_presses
 from tests.palpate.sessions import QUICK
+from tests.palpate.test_budget import diagnosis
 
 
 @pytest.fixture(scope="module")
@@ -158,6 +159,20 @@ def test_page_begins_with_the_newest_revision_unless_it_has_effects_of_its_user(
     newest = SimpleNamespace(effects=["cubic_stiffness"], user_effects=has_user_effects)
     monkeypatch.setattr(Study, "latest", lambda *_: newest)
     assert WorkbenchState(Study(press, keep=False)).choice.effects == effects
+
+
+def test_model_that_the_diagnosis_calls_incomplete_is_marked(state, monkeypatch):
+    def shown(*effects, complete=True, verdict="missing"):
+        accepted = [("bias", "exact")] if verdict == "missing" else []
+        known = diagnosis(accepted=accepted, verdict=verdict, complete=complete)
+        monkeypatch.setattr(state.study, "known_diagnosis", lambda channel: known)
+        return state.show(ModelSelection("contact", effects))
+
+    assert [shown().is_incomplete, shown("bias").is_incomplete] == [True, False]
+    assert shown("bias", complete=False).is_incomplete
+    assert not shown("drift", complete=False).is_incomplete  # the diagnosis does not know this model
+    assert shown(verdict="unexplained").is_incomplete
+    assert not shown(verdict="adequate").is_incomplete
 
 
 def test_revision_of_another_base_model_is_refused(state, press, monkeypatch):
@@ -475,7 +490,7 @@ def test_report_is_written_where_the_study_keeps_its_results_and_linked(
         folder=tmp_path / "mine" if is_named else None,
         report=report,
     )
-    choice = SimpleNamespace(effects=effects)
+    choice = ModelSelection("contact", tuple(effects))
     state = SimpleNamespace(study=study, choice=choice, is_saved=is_saved, command=lambda: "")
     state.save_revisions = lambda: saved.append(True)
     home = SimpleNamespace(serve_report=str)
