@@ -218,9 +218,9 @@ class Messaging:
         self.peer, self.linked = Peer(), False
         self.send = line.send
         self._line, self._clock, self._handle_message, self._on_new_peer = line, clock, take, on_new_peer
-        self._begun_s, self._reported = clock.now_s(), set[str]()
+        self._asked_s, self._reported = inf, set[str]()  # when `problem` was first called, and what it said
         self._answers_another = False  # whether received frames answer another program
-        self._resubscribe_s = self._begun_s + _RESUBSCRIBE_S
+        self._resubscribe_s = clock.now_s() + _RESUBSCRIBE_S
 
     def receive(self) -> bool:
         """Process all received frames, and return whether `linked` has changed."""
@@ -256,13 +256,14 @@ class Messaging:
     def problem(self) -> str:
         """Describe, once, why nothing may be received from the peer; empty if there is nothing new."""
         now_s, line = self._clock.now_s(), self._line
+        self._asked_s = min(self._asked_s, now_s)  # silence does not count while this side starts
         if line.malformed and "refused" not in self._reported:
             self._reported.add("refused")
             return f"a frame was refused: {line.refused}"
         if (
             "unheard" in self._reported
             or self.peer.counts[Arrival.FRESH]
-            or now_s < self._begun_s + _UNHEARD_S
+            or now_s < self._asked_s + _UNHEARD_S
         ):
             return ""
         self._reported.add("unheard")

@@ -1,11 +1,12 @@
 """`palpate teleop`: teleoperate through a virtual object that is updated from the real one."""
 
 import sys
+from collections.abc import Mapping
 from dataclasses import asdict
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from typer import Option
@@ -20,7 +21,7 @@ from palpate.control.teleop.follower_task import SilenceAction
 from palpate.control.teleop.leader_arm import OPERATOR_DEVICES, LeaderArm, build_operator
 from palpate.render.terminal import print_files
 from palpate.robot_io.clock import MonotonicClock
-from palpate.robot_io.errors import InputError
+from palpate.robot_io.errors import InputError, PalpateError
 from palpate.robot_io.link.connection import Impairment, LinkSettings
 from palpate.robot_io.link.frame import load_seal
 from palpate.robot_io.robot_file import load_robot_file
@@ -119,10 +120,10 @@ def follower(
     targets = {str(number): state.name.lower() for number, state in outcome.states.items()}
 
     def show() -> None:
-        states = ", ".join(map(" ".join, targets.items())) or "none"
         is_finished = outcome.loop.outcome is Outcome.FINISHED
         end = "" if is_finished else f"; [red]{safe(outcome.loop.one_line())}[/red]"
-        console.stdout().print(f"targets: {states}; {count(outcome.estimates, 'estimate')} sent{end}")
+        sent = count(outcome.estimates, "estimate")
+        console.stdout().print(f"{_state_summary(targets)}; {sent} sent{end}")
         if outcome.messaging_error:
             console.stdout().print(f"  [yellow]the link failed: {safe(outcome.messaging_error)}[/yellow]")
         console.say(f"written: [bold]{display_path(job.session)}[/bold]")
@@ -145,6 +146,11 @@ def follower(
         steps = {"palpate teleop leader": "chooses places to probe"}
     console.present(content, show, steps.items(), as_json=options.as_json)
     raise_for_end(outcome.loop)
+
+
+def _state_summary(states: Mapping[Any, str]) -> str:
+    """Describe what became of each target, such as "target 0: done, target 1: queued"."""
+    return ", ".join(f"target {number}: {state}" for number, state in states.items()) or "no target"
 
 
 _OPERATOR = f"{', '.join(OPERATOR_DEVICES)}, or a YAML file with the settings of one of these."
@@ -210,8 +216,8 @@ def leader(  # noqa: PLR0917, one parameter an option
         )
 
     def show_outcome() -> None:
-        targets = ", ".join(f"{number} {state}" for number, state in outcome.states.items()) or "none"
-        console.stdout().print(f"targets: {targets}; {count(outcome.estimates, 'estimate')} received")
+        received = count(outcome.estimates, "estimate")
+        console.stdout().print(f"{_state_summary(outcome.states)}; {received} received")
         if (late := outcome.lateness) is not None:
             console.stdout().print(
                 f"haptic loop: {late.count} ticks; 99 % are at most {1e6 * late.p99_s:.0f} us late, "
@@ -219,14 +225,17 @@ def leader(  # noqa: PLR0917, one parameter an option
             )
         console.say(f"written: [bold]{display_path(session)}[/bold]")
 
-    both = "add the follower's session to show both on one timeline"
+    both = "with the follower's session: both on one timeline"
     again = "the other side sent nothing: run it with the same options"
-    inspect = f"palpate inspect {shell_path(session)}"
+    inspect = f"palpate inspect {shell_path(session)} FOLLOWER.mcap"
     steps = [(inspect, both) if outcome.heard else ("palpate teleop follower --help", again)]
     content = {"session": str(session), **asdict(outcome)}
     console.present(content, show_outcome, steps, as_json=as_json)
     if not outcome.heard:
         raise typer.Exit(1)
+    if outcome.unfinished:
+        targets = ", ".join(f"target {number}" for number in outcome.unfinished)
+        raise PalpateError(f"the follower did not finish {targets}: it ended, fell silent or took too long")
 
 
 _DEMO_SCENARIO = (

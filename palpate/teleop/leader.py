@@ -5,7 +5,7 @@ neither a slow network nor a slow terminal affects the felt force.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import dist, nan
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
@@ -25,7 +25,7 @@ MESSAGE_PERIOD_S = 0.02  # period of intents
 _LINK_RECORD_S, _SHOW_S = 0.1, 0.5
 _FINISH_S = 45.0  # time limit for a follower to finish the queued targets
 _SAME_PLACE_M = 0.005  # places closer than this are the same target
-_START_S = 30.0  # time limit for the haptic process's first message
+_START_S = 60.0  # time limit for the haptic process's first message
 Say = Callable[[str], None]
 
 
@@ -37,6 +37,7 @@ class LeaderOutcome:
     estimates: int  # number of received estimates
     heard: bool  # whether the follower answered
     lateness: SectionTiming | None  # lateness of the haptic loop
+    unfinished: tuple[int, ...] = ()  # targets that the follower left, unless the user ended the leader
 
 
 def run_leader(haptics: HapticJob, link: LinkSettings, say: Say, show: Say) -> LeaderOutcome:
@@ -62,6 +63,7 @@ def run_leader(haptics: HapticJob, link: LinkSettings, say: Say, show: Say) -> L
             except KeyboardInterrupt:
                 say(leader.end())
                 leader.run()
+                return replace(leader.outcome(), unfinished=())
             return leader.outcome()
         finally:
             pipe.close()  # ends the haptic process
@@ -156,7 +158,8 @@ class _Leader:
         """Return the result of the run."""
         states = {messages.short_number(number): state.name.lower() for number, state in self._states.items()}
         heard = self._messaging.peer.offset is not None
-        return LeaderOutcome(states, self._target_states.received, heard, self._lateness)
+        left = tuple(messages.short_number(target.number) for target in self._queued())
+        return LeaderOutcome(states, self._target_states.received, heard, self._lateness, left)
 
     def _receive_reports(self) -> None:
         try:
@@ -199,7 +202,7 @@ class _Leader:
         if self._messaging.receive():
             is_heard = self._messaging.linked
             self._note("link", "the follower responds" if is_heard else "the follower is silent")
-        if problem := self._messaging.problem():
+        if self._report is not None and (problem := self._messaging.problem()):  # both sides have started
             self._note("link", problem)
         queued, cancelled = self._queued()[: messages.MOST_TARGETS], self._cancelled[-messages.MOST_TARGETS :]
         self._messaging.send(

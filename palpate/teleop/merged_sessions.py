@@ -64,11 +64,10 @@ class ForceComparison:
         return f"{100.0 * self.share:.2g} % rms of {len(self.real_n)} samples"
 
 
-def _duration(seconds: float, error_s: float) -> str:
-    """Format a duration in h, s or ms, to two significant digits of its error [s]."""
-    sizes = ((3600.0, "h"), (1.0, "s"), (1e-3, "ms"))
-    size, unit = next((entry for entry in sizes if seconds >= entry[0]), sizes[-1])
-    return f"{significant(seconds / size, error_s / size)} {unit}"
+def _duration(seconds: float) -> str:
+    """Format a duration in s or ms, to two digits."""
+    size, unit = (1.0, "s") if seconds >= 1.0 else (1e-3, "ms")
+    return f"{significant(seconds / size, seconds / size)} {unit}"
 
 
 @dataclass(frozen=True)
@@ -118,14 +117,11 @@ class MergedSessions:
         return float(self.exchanges[:, 2].min())
 
     def clock_summary(self) -> str:
-        """Describe the offset between the two clocks and its uncertainty."""
-        which = "ahead of" if self.offset_s >= 0.0 else "behind"
-        moved_s = float(np.ptp(self.exchanges[:, 1]))
-        offset = _duration(abs(self.offset_s), max(moved_s, 0.5 * self.round_trip_s))
+        """Describe the error of the common timeline; the clocks' offset itself has no meaning."""
+        error, drift = (_duration(s) for s in (0.5 * self.round_trip_s, float(np.ptp(self.exchanges[:, 1]))))
         return (
-            f"the follower's clock is {which} the leader's by {offset} (shortest round trip "
-            f"{_duration(self.round_trip_s, self.round_trip_s)}; drift over the session "
-            f"{_duration(moved_s, moved_s)})"
+            f"the follower's times are shown on the leader's clock, within {error} (half the shortest round "
+            f"trip); the clocks drifted by {drift} over the session"
         )
 
     @property

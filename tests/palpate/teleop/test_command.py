@@ -60,3 +60,13 @@ def test_leader_without_a_peer_fails_whatever_it_prints(options, tmp_path, monke
     result = run("teleop", "leader", "--operator", "mouse", "-o", tmp_path / "leader.mcap", *options)
     assert result.exit_code == 1
     assert ('"heard": false' in result.output) is bool(options)
+
+
+@pytest.mark.parametrize("options", [(), ("--json",)])
+def test_leader_whose_follower_left_targets_fails_and_names_them(options, tmp_path, monkeypatch):
+    left = LeaderOutcome({0: "done", 1: "queued"}, 3, heard=True, lateness=None, unfinished=(1,))
+    monkeypatch.setattr("palpate.commands.teleop.run_leader", lambda *_: left)
+    result = run("teleop", "leader", "--operator", "mouse", "-o", tmp_path / "leader.mcap", *options)
+    assert result.exit_code == 1
+    assert "the follower did not finish target 1: it ended, fell silent or took too long" in result.stderr
+    assert ("target 0: done, target 1: queued; 3 estimates received" in result.stdout) is not bool(options)

@@ -80,8 +80,9 @@ def test_killed_follower_leaves_the_virtual_object_and_a_message(tmp_path):
     with started("leader", "--port", str(port), "-o", str(session), "--operator", str(plan)) as process:
         assert killed_when_reached(follow_until_asked, port).exitcode == -signal.SIGKILL
         output, _ = process.communicate(timeout=WAIT_S)
-    assert process.returncode == 0, output
+    assert process.returncode == 1, output
     assert "the follower is silent" in output
+    assert "palpate: the follower did not finish target 0, target 1: it ended, fell silent" in output
     haptic = Session.open(session).samples("haptic")
     assert haptic["force_n"].max() > 1.0  # felt without a follower, too
     assert haptic["time_s"][-1] - haptic["time_s"][0] > 15.0
@@ -132,6 +133,8 @@ def test_merged_sessions_share_one_clock_and_rendered_force_equals_real_force(tm
     ):
         said = [process.communicate(timeout=2 * WAIT_S)[0] for process in (leader, follower)]
     assert (leader.returncode, follower.returncode) == (0, 0), said
+    assert all("target 0: done, target 1: done; " in printed for printed in said)
+    assert f"palpate inspect {sessions['leader']} FOLLOWER.mcap" in said[0]
     merged = merge_sessions(*(Session.open(path) for path in sessions.values()))
     assert merged.compare_modeled_to_measured().share < 0.05
     assert merged.round_trip_s < 0.05
@@ -146,7 +149,6 @@ def test_merged_sessions_share_one_clock_and_rendered_force_equals_real_force(tm
     slack_s = 2.0  # what a simulated clock may slip on a busy machine while an offset is held for the best
     assert chosen < begun + slack_s < made + slack_s < felt + 2 * slack_s  # the order, across both clocks
     result = done("inspect", sessions["follower"], sessions["leader"], "--save", tmp_path / "both.rrd")
-    which = "ahead of" if merged.offset_s >= 0.0 else "behind"
-    assert f"the follower's clock is {which} the leader's by" in result.stdout
+    assert "the follower's times are shown on the leader's clock, within" in result.stdout
     assert_refused(run("inspect", sessions["leader"]), "give its follower's session as well")
     assert_refused(run("inspect", sessions["leader"], sessions["leader"]), "a leader and of its follower")

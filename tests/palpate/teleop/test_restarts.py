@@ -10,6 +10,7 @@ from palpate.robot_io.link.messages import ObjectEstimate, TargetState, target_n
 from palpate.sim_backend.scenario import load_scenario
 from palpate.teleop import follower, leader
 from palpate.teleop.estimating import sample_stream
+from palpate.teleop.haptics import _NOTHING
 from tests.robot_io.link.link_parts import estimate, intent, report, target
 
 LATER_S = 5.0  # by then a side that says nothing is gone
@@ -110,7 +111,13 @@ def test_silent_side_repeats_its_presence(led, line):
 
 def test_possible_errors_are_reported_once(led, line):
     line.advice = "is it running?"
-    for now_s in (9.0, 10.0, 11.0):
+    led._exchange()
+    led._report = _NOTHING  # after a start of 20 s
+    for now_s in (20.0, 29.0):
+        line.now = now_s
+        led._exchange()
+    assert not led._notes
+    for now_s in (30.0, 31.0):
         line.now = now_s
         led._exchange()
     assert [text for _, text in led._notes] == ["no message arrived for 10 s: is it running?"]
@@ -118,6 +125,16 @@ def test_possible_errors_are_reported_once(led, line):
     for _ in range(2):
         led._exchange()
     assert [text for _, text in led._notes[1:]] == ["a frame was refused: another key"]
+
+
+def test_targets_that_a_follower_left_are_unfinished(led, line):
+    for x_m in (0.36, 0.40):
+        led._select((x_m, 0.0, 0.05))
+    done = TargetState.DONE, TargetState.QUEUED
+    line.put(1, 0, report(targets=tuple(led._targets), states=tuple(map(int, done)), ended=True))
+    led._exchange()
+    assert led.outcome().states == {0: "done", 1: "queued"}
+    assert led.outcome().unfinished == (1,)
 
 
 def test_lost_estimate_is_sent_again_though_newer_ones_arrived(followed, line):
