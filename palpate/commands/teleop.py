@@ -8,7 +8,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
 from typer import Option
 
 from palpate.common import console
@@ -232,7 +231,7 @@ def leader(  # noqa: PLR0917, one parameter an option
     content = {"session": str(session), **asdict(outcome)}
     console.present(content, show_outcome, steps, as_json=as_json)
     if not outcome.heard:
-        raise typer.Exit(1)
+        raise PalpateError("no follower answered: nothing was probed")
     if outcome.unfinished:
         targets = ", ".join(f"target {number}" for number in outcome.unfinished)
         raise PalpateError(f"the follower did not finish {targets}: it ended, fell silent or took too long")

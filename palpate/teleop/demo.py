@@ -26,8 +26,11 @@ from palpate.teleop.recording import draw, record_both
 
 _GUESS = KelvinVoigtLaw(stiffness_n_m=300.0, damping_n_s_m=5.0)  # object before the first estimate
 _GUESS_ABOVE_M = 0.003  # height of its surface above the real surface [m]
-_LIMIT_S = 44.0  # time after which both sides are stopped, so that the demo takes about a minute [s]
-_END_S = 15.0  # time for both sides to end after that [s]
+_START_S = 60.0  # time for both sides to start [s]
+_LIMIT_S = 44.0  # time from then until both sides are stopped, so that the demo takes about a minute [s]
+_END_S = 30.0  # time for both sides to end after that [s]
+_POLL_S = 0.1
+_TOO_SLOW, _AGAIN = "This machine was too slow", "End other programs and repeat the demo."
 _PLACES_M = (0.36, 0.40)  # x of the targets
 _ABOVE_M, _BELOW_M = 0.03, 0.02  # hand's rest position above the surface, and its goal below the surface
 # Durations of pressing, for 60 to 120 mm/s, and of holding [s].
@@ -54,8 +57,8 @@ class TeleopDemo:
         if not clauses:
             return ""
         return (
-            f"This machine was too slow: {'; '.join(clauses)}. The figures describe the machine, not the "
-            "teleoperation. End other programs and repeat the demo."
+            f"{_TOO_SLOW}: {'; '.join(clauses)}. The figures describe the machine, not the "
+            f"teleoperation. {_AGAIN}"
         )
 
     def force_summary(self) -> str:
@@ -158,28 +161,38 @@ def run_demo(folder: Path, real: Scenario, further: Sequence[str] = ()) -> Teleo
 def _run_both(folder: Path, commands: dict[str, list[str]]) -> bool:
     """Run both sides to their end; return whether the leader had to be interrupted."""
     program = [sys.executable, "-P", "-m", "palpate.main", "teleop"]
-    until_s, running = time.monotonic() + _LIMIT_S, {}
-    valid = {0}
+    running, valid = dict[str, subprocess.Popen[bytes]](), {0}
+    # A background job of a script ignores SIGINT, and its processes would inherit that.
+    handler = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         for side, options in commands.items():
             with (folder / f"{side}.log").open("wb") as file:
                 running[side] = subprocess.Popen([*program, side, *options], stdout=file, stderr=file)  # noqa: S603
+        signal.signal(signal.SIGINT, handler)
+        until_s = time.monotonic() + _START_S
+        while not all((folder / f"{side}.mcap").exists() for side in _SIDES):
+            if any(process.poll() is not None for process in running.values()):
+                break
+            if time.monotonic() > until_s:
+                raise PalpateError(f"{_TOO_SLOW}: both sides did not start within {_START_S:g} s. {_AGAIN}")
+            time.sleep(_POLL_S)
         with suppress(subprocess.TimeoutExpired):
-            running["leader"].wait(until_s - time.monotonic())
+            running["leader"].wait(_LIMIT_S)
         if running["leader"].poll() is None:  # the machine is slow: use the data recorded so far
             valid.add(INTERRUPTED)
             for process in running.values():
                 process.send_signal(signal.SIGINT)
         for side in reversed(_SIDES):
+            log = folder / f"{side}.log"
             if running[side].wait(_END_S) not in valid:
-                log = folder / f"{side}.log"
                 lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-                raise PalpateError(
-                    f"the {side} failed: {lines[-1] if lines else f'without a message (see {log})'}"
-                )
+                why = f"the {side} failed: {lines[-1] if lines else f'without a message (see {log})'}"
+                raise PalpateError(f"{_TOO_SLOW}: {why}. {_AGAIN}" if INTERRUPTED in valid else why)
     except subprocess.TimeoutExpired:
-        raise PalpateError(f"the {side} did not end; see {folder / side}.log") from None
+        late = f"the {side} did not end within {_END_S:g} s (see {log})"
+        raise PalpateError(f"{_TOO_SLOW}: {late}. {_AGAIN}") from None
     finally:
+        signal.signal(signal.SIGINT, handler)
         for process in running.values():
             if process.poll() is None:
                 process.terminate()

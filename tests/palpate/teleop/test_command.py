@@ -60,6 +60,7 @@ def test_leader_without_a_peer_fails_whatever_it_prints(options, tmp_path, monke
     result = run("teleop", "leader", "--operator", "mouse", "-o", tmp_path / "leader.mcap", *options)
     assert result.exit_code == 1
     assert ('"heard": false' in result.output) is bool(options)
+    assert "palpate: no follower answered: nothing was probed" in result.stderr
 
 
 @pytest.mark.parametrize("options", [(), ("--json",)])

@@ -5,13 +5,15 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import numpy as np
 import pytest
 import yaml
 
+from palpate.robot_io.errors import PalpateError
 from palpate.robot_io.session import Session
+from palpate.teleop import demo
 from palpate.teleop.demo import script
 from palpate.teleop.merged_sessions import merge_sessions
 from tests.free_port import free_port
@@ -152,3 +154,27 @@ def test_merged_sessions_share_one_clock_and_rendered_force_equals_real_force(tm
     assert "the follower's times are shown on the leader's clock, within" in result.stdout
     assert_refused(run("inspect", sessions["leader"]), "give its follower's session as well")
     assert_refused(run("inspect", sessions["leader"], sessions["leader"]), "a leader and of its follower")
+
+
+def test_demo_ends_slow_sides_also_as_a_background_job_of_a_script(tmp_path, monkeypatch):
+    (tmp_path / "operator.yaml").write_text(yaml.safe_dump(script(0.05)))
+    port = str(free_port())
+    commands = {side: ["--port", port, "-o", str(tmp_path / f"{side}.mcap")] for side in demo._SIDES}
+    commands["leader"] += ["--operator", str(tmp_path / "operator.yaml")]
+    monkeypatch.setattr(demo, "_START_S", 0.0)
+    with pytest.raises(
+        PalpateError, match=r"too slow: both sides did not start within 0 s\. End other programs"
+    ):
+        demo._run_both(tmp_path, commands)
+    monkeypatch.setattr(demo, "_START_S", WAIT_S)
+    monkeypatch.setattr(demo, "_LIMIT_S", 3.0)
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # as a shell starts a background job
+    try:
+        with suppress(PalpateError):  # the sides may not have met yet
+            assert demo._run_both(tmp_path, commands)
+        assert signal.getsignal(signal.SIGINT) == signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
+    ended = (tmp_path / "follower.log").read_text()
+    assert "interrupted" in ended
+    assert "SIGTERM" not in ended
