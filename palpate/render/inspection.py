@@ -144,11 +144,11 @@ def _view(
     joint = re.fullmatch(r"joint_(\d+)", channel.name)
     if ticks is None or joint is None:
         return view
-    # Command at the time of each sample [N m]; NaN before the first. A value read in a tick
-    # was sampled before that tick's own command went out.
+    # Torque last sent before each sample [N m]; NaN before the first. A value read in a tick
+    # was sampled before that tick's own torque was sent.
     held = np.searchsorted(ticks["time_s"], channel.time_s) - 1
-    commanded = np.where(held >= 0, ticks["torque_sent_nm"][held, int(joint[1]) - 1], np.nan)
-    rms = float(np.sqrt(np.nanmean((channel.effort - commanded) ** 2)))
+    sent = np.where(held >= 0, ticks["torque_sent_nm"][held, int(joint[1]) - 1], np.nan)
+    rms = float(np.sqrt(np.nanmean((channel.effort - sent) ** 2)))
     difference = with_unit(rms, channel.kind.effort_unit)
-    sentence = f"{channel.name}: measured and commanded torque differ by {difference} (rms)."
-    return replace(view, verdict=VerdictView("", sentence), commanded=("commanded", commanded))
+    sentence = f"{channel.name}: measured and sent torque differ by {difference} (rms)."
+    return replace(view, verdict=VerdictView("", sentence), commanded=("sent", sent))

@@ -75,6 +75,7 @@ class PlotStyle:
     color: str
     dash: str = "solid"
     width: float = 1.3
+    opacity: float = 1.0
     named: bool = True  # whether the legend shows the name
     shown: bool = True  # whether it is visible before a click on its name in the legend
 
@@ -234,16 +235,21 @@ def _draw_state(
     runs = {run: rows[channel.engaged[rows]] for run, rows in rows_by_run(channel.run).items()}
     unit, words = channel.axes.effort_unit, list(dict.fromkeys(channel.speeds.values()))
     colors = palette.speed_colors(words) if 1 < len(words) <= len(palette.SPEEDS) else {"": palette.MEASURED}
+    rows = {w: [rows for run, rows in runs.items() if not w or channel.speeds.get(run) == w] for w in colors}
     for word, color in colors.items():
-        rows = [rows for run, rows in runs.items() if not word or channel.speeds.get(run) == word]
         look = PlotStyle(f"measured, {word}" if word else "measured", color, width=2.4, named=named)
-        draw_curves(made, run_curves(x, channel.effort, rows), place, unit, look)
+        look = replace(look, opacity=0.5 if word else 1.0)  # a model of the same color lies on top
+        draw_curves(made, run_curves(x, channel.effort, rows[word]), place, unit, look)
     for stage in channel.stages:
         is_shown = any(stage is each for each in channel.shown_stages)
         look = replace(_look_of(channel, stage), named=named, shown=is_shown)
-        if len(colors) > 1:  # measured curves have the colors of speeds
-            look = replace(look, dash="4px,2px" if stage is channel.stages[-1] else "1px,2px")
-        draw_curves(made, run_curves(x, stage.predicted, list(runs.values())), place, unit, look)
+        if len(colors) > 1:  # colors are those of speeds; the legend shows the dash of the model in gray
+            dash = "4px,2px" if stage is channel.stages[-1] else "1px,2px"
+            look = replace(look, color=palette.BASE, dash=dash)
+            draw_curves(made, [], place, unit, look)
+        for word, color in colors.items():
+            own = replace(look, color=color, named=False) if word else look
+            draw_curves(made, run_curves(x, stage.predicted, rows[word]), place, unit, own)
     title_axes(made, place, title, channel.axes.effort)
 
 
@@ -266,6 +272,7 @@ def draw_curves(made: go.Figure, curves: Sequence[Curve], place: Place, unit: st
         legendgroup=look.name,
         showlegend=look.named,
         visible=True if look.shown else "legendonly",
+        opacity=look.opacity,
         line={"color": look.color, "width": look.width, "dash": look.dash},
         hovertemplate=f"%{{x:.4g}}: %{{y:.4g}} {unit}",
     )

@@ -161,7 +161,7 @@ def draw(path: Path, merged: MergedSessions, rendered: ForceComparison, modeled:
     ):
         line.plot(time_s - start_s, 1e3 * delay_s, color=color, lw=1.0, label=title)
     line.set(xlabel="time of the leader [s]", ylabel="link [ms]")
-    line.legend(loc="upper left", frameon=False)
+    line.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, ncols=2)
     for axis in axes:
         axis.spines[["top", "right"]].set_visible(False)
     with atomic_write(path) as unfinished:

@@ -53,7 +53,7 @@ def test_plots_are_saved_in_the_requested_folder(probed, tmp_path):
     assert run("inspect", probed[0], "--save", tmp_path / "x.rrd", "--plots", plots).exit_code == 0
     (file,) = plots.iterdir()
     page = re.sub("</?b>", "", file.read_text().rpartition("</head>")[2])
-    for words in ("kelvin_voigt", "surface at", "contact force [N]", "joint_3: measured and commanded"):
+    for words in ("kelvin_voigt", "surface at", "contact force [N]", "joint_3: measured and sent"):
         assert words in page
 
 

@@ -23,8 +23,9 @@ TRUTH = {"stiffness.k": synthetic.STIFFNESS, "damping.c": synthetic.DAMPING}
 
 @pytest.fixture(scope="module")
 def scene():
-    events = (Event(0.333, "touch", "touched"),)
+    events = (Event(5.333, "touch", "touched"),)
     ticks = synthetic.ticks()
+    ticks["time_s"] = ticks["time_s"] + 5.001
     return Scene(
         "test", ticks, synthetic.urdf(), events, surface_m=-synthetic.SURFACE_M, truth=TRUTH, summary="# Hi"
     )
@@ -63,6 +64,20 @@ def test_phases_and_events_are_logged_as_text(recording):
     assert column_values(recording, "/events", "TextLog:text") == [["touch: touched"]]
 
 
+def test_times_and_names_are_those_of_the_session(scene, recording):
+    found = {}
+    for chunk in RrdReader(recording).stream().to_chunks():
+        batch = chunk.to_record_batch()
+        if TIME in batch.schema.names:
+            times_s = batch.column(TIME).cast("int64").to_numpy() / 1e9
+            found[chunk.entity_path] = np.append(found.get(chunk.entity_path, []), times_s)
+    for entity in ("/contact/force", "/torque/joint_1", "/timing/lateness"):
+        np.testing.assert_allclose(found[entity], scene.ticks["time_s"], atol=1e-9)
+    np.testing.assert_allclose(found["/events"], [5.333])
+    assert found["/phase"][0] == pytest.approx(5.001)
+    assert column_values(recording, "/torque/joint_1", "SeriesLines:names") == [["measured", "sent"]]
+
+
 def test_arm_moves_through_all_its_joints_in_order():
     tree = _load_urdf(synthetic.urdf())
     assert [joint.name for joint in _moving_joints(tree)] == ["joint_1", "joint_2", "joint_3"]
@@ -71,7 +86,7 @@ def test_arm_moves_through_all_its_joints_in_order():
 def test_pictures_are_few_and_include_the_last_tick(scene):
     rows = picture_rows(scene.time_s)
     assert rows[-1] == len(scene.time_s) - 1
-    assert len(rows) == pytest.approx(PICTURES_HZ * scene.time_s[-1], rel=0.02)
+    assert len(rows) == pytest.approx(PICTURES_HZ * np.ptp(scene.time_s), rel=0.02)
 
 
 def test_session_without_contact_and_urdf_is_recorded(tmp_path):

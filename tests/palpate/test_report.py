@@ -14,7 +14,7 @@ from palpate.estimation.diagnosis.candidates import effect_library
 from palpate.estimation.effects.gravity_load import KnownRigidBody
 from palpate.estimation.estimate import ParameterEstimate
 from palpate.estimation.model import Model
-from palpate.render import report
+from palpate.render import palette, report
 from palpate.render.build import equation_of, result_view, write_outcome
 from palpate.render.report import bold, document, typeset, write_report
 from palpate.render.view import StudyView
@@ -197,6 +197,13 @@ class TestFigures:
         traces = [trace for trace in report.state_figure(view).data if trace.name.startswith("measured, ")]
         assert [trace.name for trace in traces[: len(words)]] == [f"measured, {word}" for word in words]
         assert len({trace.line.color for trace in traces}) == len(words) > 1
+        every = report.state_figure(view).data
+        for trace in traces[: len(words)]:  # each press has one color, and its models are dashed
+            models = [m for m in every if m.line.color == trace.line.color and m.xaxis == trace.xaxis]
+            assert [model.line.dash for model in models] == ["solid", "1px,2px", "4px,2px"]
+        grays = [trace for trace in every if trace.line.color == palette.BASE and trace.showlegend]
+        assert [trace.name for trace in grays] == [stage.name for stage in view.stages]
+        assert all(np.isnan(trace.y).all() for trace in grays)
 
     def test_force_over_displacement_shows_each_model_by_its_whole_name(self, study):
         grown = study.result(study.channel(), ["bias", "cubic_stiffness"])

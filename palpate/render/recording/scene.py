@@ -48,8 +48,8 @@ class Scene:
 
     @property
     def time_s(self) -> FloatArray:
-        """Time of each tick from the first one, shape (n,) [s]."""
-        return np.asarray(self.ticks["time_s"] - self.ticks["time_s"][0])
+        """Time of each tick as in the session, shape (n,) [s]."""
+        return np.asarray(self.ticks["time_s"])
 
     @property
     def joints(self) -> int:

@@ -36,6 +36,7 @@ _PARAMETERS = {  # entity: name offline, column online, title
 }
 _SECTIONS = ("read_s", "control_s", "guard_s", "write_s", "observer_s", "log_s")
 _LOWEST, _HIGHEST = 0.7, 1.8  # vertical range, as multiples of an estimate's levels, with room for the legend
+_ROOM = 0.7  # share of a torque's range that is left above it for the legend
 _ABOVE, _BELOW = 1.0, 1.1  # range of displacement shown, as multiples of the greatest depth
 _TROUBLE = ("stop", "failure", "log_failed", "observer_failed", "obstacle", "missed_surface")
 
@@ -62,7 +63,7 @@ def record_session(scene: Scene, path: Path) -> None:
         if scene.summary:
             recording.log(_SUMMARY, markdown(scene.summary), static=True)
         levels = dict.fromkeys(_TROUBLE, rr.TextLogLevel.WARN) | {"trip": rr.TextLogLevel.ERROR}
-        times_s = np.array([event.time_s for event in scene.events]) - ticks["time_s"][0]
+        times_s = np.array([event.time_s for event in scene.events])
         log_events(recording, _EVENTS, scene.events, times_s, levels)
 
 
@@ -84,12 +85,12 @@ def _curves(scene: Scene) -> Iterator[tuple[str, Mapping[str, Line]]]:
     torque_nm = ticks["torque_measured_nm"].copy()
     torque_nm[0] = np.nan  # the drive was off, and its zeros would stretch the axes
     for joint in range(scene.joints):
-        for entity, measured, commanded, name in (
-            (_TORQUE, torque_nm, ticks["torque_sent_nm"], "commanded"),
+        for entity, measured, intended, name in (
+            (_TORQUE, torque_nm, ticks["torque_sent_nm"], "sent"),
             (_POSITION, position, reference, "reference"),
         ):
             lines = {"measured": (measured[:, joint], palette.MEASURED, 2.0)}
-            yield f"{entity}/joint_{joint + 1}", lines | {name: (commanded[:, joint], palette.MODEL, 1.0)}
+            yield f"{entity}/joint_{joint + 1}", lines | {name: (intended[:, joint], palette.MODEL, 1.0)}
     # durations of the loop's sections, and lateness of its wake-up
     present = zip((name for name in _SECTIONS if name in ticks), palette.JOINTS, strict=False)
     sections = {name.removesuffix("_s"): (_TO_MICRO * ticks[name], color, 1.0) for name, color in present}
@@ -177,10 +178,14 @@ def _blueprint(scene: Scene) -> rrb.Blueprint:
     left = rrb.Vertical(view_3d(scene), rrb.Horizontal(*estimates), notes, row_shares=[4.7, 2.6, 2.9])
     deepest_mm = _TO_MILLI * float(np.nanmax(scene.depth_m)) if scene.depth_m is not None else 0.0
     depths = (-_ABOVE * deepest_mm, _BELOW * deepest_mm) if deepest_mm > 0 else None
-    torques = []
-    for j in range(1, scene.joints + 1):
-        corner = rrb.Corner2D.LeftTop if j == 1 else None
-        torques.append(plot(f"{_TORQUE}/joint_{j}", f"Joint {j} torque [N m]", legend=corner))
+    torque_nm = scene.ticks["torque_measured_nm"][1:, 0]
+    low, high = (pick(torque_nm, initial=0.0, where=np.isfinite(torque_nm)) for pick in (np.min, np.max))
+    # With zero, Rerun labels two values at least; above the first joint's curves is room for the legend.
+    first = (low, high + _ROOM * (high - low)) if high > low else None, rrb.Corner2D.LeftTop
+    torques = [
+        plot(f"{_TORQUE}/joint_{j}", f"Joint {j} torque [N m]", *(first if j == 1 else ()))
+        for j in range(1, scene.joints + 1)
+    ]
     curves = rrb.Vertical(
         plot(_FORCE, "Contact force [N]", legend=rrb.Corner2D.LeftTop),
         rrb.StateTimelineView(origin=_PHASE, name="Phase"),
