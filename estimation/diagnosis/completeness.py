@@ -59,7 +59,7 @@ class Completeness:
             fit: the model.
         """
         largest = fit.problem.used.sum() * smoothing_error(fit, self.measurement) ** 2
-        if fit in self.incomplete or self._explains_little(fit) or fit.flexible.explained >= largest:
+        if fit in self.incomplete or self.explains_little(fit) or fit.flexible.explained >= largest:
             return False
         return is_mostly_smoothing(fit, self.measurement) or self.residual_finding(fit) is None
 
@@ -97,7 +97,7 @@ class Completeness:
     def _leaves_noise(self, fit: FitResult) -> bool:
         if fit.is_exact:
             return True
-        if is_outperformed(self._start, fit) or self._explains_little(fit):
+        if is_outperformed(self._start, fit) or self.explains_little(fit):
             return False
         if fit.rmse <= (1.0 + SMALL) * fit.floor():
             return True
@@ -105,8 +105,12 @@ class Completeness:
             return True
         return not lack_of_fit_test(fit, self.measurement, self._rng).is_significant
 
-    def _explains_little(self, fit: FitResult) -> bool:
-        """Return whether a model explains so little that a bounded noise may be smaller than its error."""
+    def explains_little(self, fit: FitResult) -> bool:
+        """Return whether a model explains so little that a bounded noise may be smaller than its error.
+
+        Args:
+            fit: the model.
+        """
         if not self._noise.is_bound:
             return False
         effort = fit.problem.blocked.effort[fit.problem.used]
