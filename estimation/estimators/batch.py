@@ -5,7 +5,7 @@ import numpy as np
 from palpate.estimation.assessment import assemble
 from palpate.estimation.estimate import Estimate
 from palpate.estimation.estimator import Estimator
-from palpate.estimation.fit.irls import IrlsResult, Loss, absolute_loss_weights, irls
+from palpate.estimation.fit.irls import IrlsResult, Loss, absolute_loss_weights, biweight_loss, irls
 from palpate.estimation.model import Regression
 from palpate.estimation.statistics.least_squares import solve, solve_subsets
 from palpate.estimation.statistics.noise import NoiseLevel, fit_noise_level, robust_sigma
@@ -69,9 +69,10 @@ class Robust(Estimator):
     the predicted effort (see `NoiseLevel`), so that a force sensor whose noise grows with the force is
     weighted correctly.
 
-    Such a start can fit one half of the samples perfectly, for example a long rest, and reject the other half
-    as outliers. If so many samples are rejected, the model is wrong. The estimate then starts from the fit of
-    least absolute residuals, which uses all samples.
+    Such a start can fit most samples perfectly, for example a long rest, and reject the others as outliers.
+    The fit of least absolute residuals, which uses all samples, is therefore a second start, and the estimate
+    with the smaller loss counts. If it rejects many samples, the model is wrong; the noise level is then that
+    of the least absolute residuals.
 
     Source: V. J. Yohai, High Breakdown-Point and High Efficiency Robust Estimates for Regression, Ann. Stat.
     15 (1987).
@@ -89,16 +90,18 @@ class Robust(Estimator):
         middle = distance.shape[1] // 2
         medians = np.partition(distance, middle, axis=1)[:, middle]
         best: FloatArray = candidates[int(np.argmin(medians))]
-        result = _irls(regression, best)
+        # Gains (p,) that nearly minimize the sum of absolute residuals.
+        residual_weights = np.ones(len(effort))
+        for _ in range(_LAD_ROUNDS):
+            gains = solve(columns, effort, np.sqrt(residual_weights))
+            residual = effort - columns @ gains
+            residual_weights = absolute_loss_weights(residual)
+        results = [_irls(regression, start) for start in (best, gains)]
+        sigma = results[0].sigma
+        result = min(results, key=lambda result: float(np.mean(biweight_loss(result.residuals / sigma))))
         if result.inside.mean() < _MIN_INLIER_SHARE:
-            # Gains (p,) that nearly minimize the sum of absolute residuals, and their constant noise level.
-            residual_weights = np.ones(len(regression.effort))
-            for _ in range(_LAD_ROUNDS):
-                gains = solve(regression.columns, regression.effort, np.sqrt(residual_weights))
-                residual = regression.effort - regression.columns @ gains
-                residual_weights = absolute_loss_weights(residual)
-            least_absolute = gains, NoiseLevel(max(robust_sigma(residual), float(np.finfo(float).tiny)), 0.0)
-            result = _irls(regression, *least_absolute)
+            level = NoiseLevel(max(robust_sigma(residual), float(np.finfo(float).tiny)), 0.0)
+            result = _irls(regression, gains, level)
         (psi, slope), sigma = result.influence, result.sigma
         covariance = sandwich(regression.columns, psi / sigma, slope / sigma**2, regression.run)
         details = {"noise_floor": result.level.floor, "noise_share": result.level.share}

@@ -80,6 +80,15 @@ class IrlsResult:
         return standardized * (1 - square) ** 2, (1 - square) * (1 - 5 * square)
 
 
+def biweight_loss(standardized: FloatArray) -> FloatArray:
+    """Return Tukey's biweight loss of residuals, from 0 to 1 where they have no weight, shape (n,).
+
+    Args:
+        standardized: residuals, relative to the standard deviation of the noise, shape (n,).
+    """
+    return np.asarray(1.0 - np.clip(1.0 - (standardized / CUT) ** 2, 0.0, None) ** 3)
+
+
 def irls(
     evaluate: Evaluate, effort: FloatArray, start: FloatArray, known: NoiseLevel | None = None
 ) -> IrlsResult:

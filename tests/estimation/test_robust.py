@@ -64,6 +64,23 @@ def test_perfectly_fitted_rest_does_not_outvote_the_motion():
     assert robust.rmse < 1.1 * plain.rmse
 
 
+def test_few_samples_in_motion_are_no_outliers_beside_a_long_hold():
+    """A damping that fits none of them leaves the median residual as it is."""
+    truth, depth_m, t = np.array([7100.0, 100.0]), 0.0014, np.linspace(0.0, 1.0, 40)
+    loading = np.column_stack([depth_m * t, 0.13 * (1.0 - t) + 0.005])
+    unloading = np.column_stack([depth_m * (1.0 - 0.7 * t), -0.05 * np.sqrt(t)])
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        hold = np.column_stack([np.full(1000, depth_m), 1e-4 * rng.standard_normal(1000)])
+        columns = np.tile(np.vstack([loading, hold, unloading]), (3, 1))
+        noise_n = np.where(np.abs(columns[:, 1]) > 1e-3, 0.08, 0.025)  # with errors of the motion
+        effort = columns @ truth + noise_n * rng.standard_normal(len(columns))
+        run = np.repeat([0, 1, 2], len(columns) // 3)
+        found = fit(Robust(), Regression(columns, effort, NAMES, UNITS, run=run), seed)
+        assert found.inliers.mean() > 0.98
+        np.testing.assert_allclose(values(found), truth, rtol=0.01)
+
+
 def test_noise_level_finds_floor_and_share_and_even_noise_has_none():
     rng = np.random.default_rng(3)
     force = rng.uniform(0.0, 10.0, 8000)
