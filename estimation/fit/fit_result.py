@@ -246,7 +246,11 @@ class FitResult(TableDisplay):
         return self.flexible.share_of(self.solution)
 
     def _table(self) -> DisplayTable:
-        rows = [(name, f"{p.value:.5g} {p.unit}", interval_text(p)) for name, p in self.parameters.items()]
+        held = self.model.held
+        rows = [
+            (name, f"{p.value:.5g} {p.unit}", "held" if name in held else interval_text(p))
+            for name, p in self.parameters.items()
+        ]
         names = " + ".join(effect.name for effect in self.model.effects)
         unit = self.data.kind.effort_unit
         caption = f"{names} of {self.data.name}: {with_unit(self.rmse, unit, 4)} in held-out runs"

@@ -1,5 +1,7 @@
 """Parameters that are fixed, bounded or evaluated, and a model beside the measurement."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -27,6 +29,7 @@ def study() -> ModelStudy:
 def test_fixed_parameters_stay_and_the_others_compensate(study):
     free = study.fit("contact", ["cubic_stiffness"])
     held = study.fit_held("contact", ["cubic_stiffness"], {"stiffness.k": 350.0})
+    assert re.search(r"stiffness\.k +350 N/m +held\n", str(held))
     assert held.values["stiffness.k"] == 350.0
     assert held.parameters["stiffness.k"].std_err == 0.0
     assert held.values["cubic_stiffness.k3"] > free.values["cubic_stiffness.k3"]  # stiffens more instead
