@@ -291,8 +291,12 @@ class Search:
         ]
         order = sorted(range(len(possible)), key=lambda number: left[number])
         limit = (1.0 - TIE) * fit.solution.held_out
-        fits = (self.with_candidate(possible[i]) for i in [i for i in order if left[i] < limit][:count])
-        return self.ordered([extension for extension in fits if self.is_sensible(extension)])
+        fits = [self.with_candidate(possible[i]) for i in [i for i in order if left[i] < limit][:count]]
+        sensible = [extension for extension in fits if self.is_sensible(extension)]
+        # An effect that is implausible beside a much better addition imitated it, and is replaced.
+        limit = _MAX_LEFT * min(each.solution.held_out for each in (fit, *sensible))
+        mended = [backward_step(self, each) for each in fits if each.solution.held_out < limit]
+        return self.ordered([*sensible, *filter(self.is_sensible, mended)])
 
     def is_sensible(self, fit: FitResult) -> bool:
         """Check that each added effect is plausible and does not imitate another one, see `is_sound`.
