@@ -200,12 +200,11 @@ def _extend_accepted(
     """
     while not checks.is_complete(end) and len(accepted := search.added_effects(end)) < MOST_EFFECTS:
         possible = [candidate for candidate in search.screen(end) if candidate.possible][:_EXTENSIONS]
+        needed = (each for each in map(search.with_candidate, possible) if search.is_needed(end, each))
         tried = (
-            accept_forms(search, kinds(), extended, checks.measurement)
-            for extended in map(search.with_candidate, possible)
-            if search.is_needed(end, extended)
+            accept_forms(search, kinds(), search.mended(extended), checks.measurement) for extended in needed
         )
-        longer = next((pair for pair in tried if set(accepted) < set(search.added_effects(pair[0]))), None)
+        longer = next((pair for pair in tried if len(accepted) < len(search.added_effects(pair[0]))), None)
         if longer is None:
             break
         end, tests = longer

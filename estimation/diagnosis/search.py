@@ -293,10 +293,17 @@ class Search:
         limit = (1.0 - TIE) * fit.solution.held_out
         fits = [self.with_candidate(possible[i]) for i in [i for i in order if left[i] < limit][:count]]
         sensible = [extension for extension in fits if self.is_sensible(extension)]
-        # An effect that is implausible beside a much better addition imitated it, and is replaced.
         limit = _MAX_LEFT * min(each.solution.held_out for each in (fit, *sensible))
-        mended = [backward_step(self, each) for each in fits if each.solution.held_out < limit]
+        mended = [self.mended(each) for each in fits if each.solution.held_out < limit]
         return self.ordered([*sensible, *filter(self.is_sensible, mended)])
+
+    def mended(self, fit: FitResult) -> FitResult:
+        """Replace effects of an extended model that are implausible beside the new one, which they imitated.
+
+        Args:
+            fit: the model; returned itself if it is plausible.
+        """
+        return fit if self.is_sensible(fit) else backward_step(self, fit)
 
     def is_sensible(self, fit: FitResult) -> bool:
         """Check that each added effect is plausible and does not imitate another one, see `is_sound`.

@@ -22,7 +22,7 @@ from palpate.estimation.model import Model
 from tests.estimation.contact_data import channel
 from tests.estimation.searches import PRESS, SWING, searched
 from tests.estimation.study.joints import joints
-from tests.estimation.swings import NOISE_NM, swings
+from tests.estimation.swings import NOISE_NM, WEIGHT, link_angles, swings
 
 module = import_module(
     "palpate.estimation.diagnosis.diagnose"
@@ -128,6 +128,7 @@ def test_channel_is_searched_reduced_and_reported(name, monkeypatch):
     search = SimpleNamespace(
         start=base, coarse=None, rng=None, fitted=fitted, is_better=lambda one, other: one < other
     )
+    search.mended = lambda fit: fit
     beside = given.get("beside", {})
     search.screen = lambda one: [SimpleNamespace(possible=True, model=model) for model in beside.get(one, [])]
     search.is_needed = lambda before, after: after != given.get("needless")
@@ -308,6 +309,16 @@ def test_model_no_better_than_a_constant_is_not_complete_by_a_noise_bound(tmp_pa
     (data,) = import_file(path).channels
     search = searched(data, base=PRESS)
     assert not Completeness(search.start, search.rng).is_complete(search.start)
+
+
+def test_effect_that_imitates_two_others_is_replaced():
+    """Friction and play look like friction that falls with speed; beside the play, it does not fall."""
+    data = swings(2)
+    pull = WEIGHT * (np.sin(link_angles(data.position, 0.1)) - np.sin(data.position))
+    effort = data.effort + 0.3 * np.tanh(data.velocity / 0.005) + pull
+    few = [EFFECTS[name]() for name in ("coulomb_friction", "stribeck_friction", "backlash", "joint_spring")]
+    (found,) = diagnose(replace(data, effort=effort), SWING, few, rng=np.random.default_rng(1)).channels
+    assert {entry.effect for entry in found.accepted} == {"coulomb_friction", "backlash"}
 
 
 @pytest.mark.parametrize(("runs", "seed"), [(4, 0), (1, 0), (1, 2), (1, 7)])
