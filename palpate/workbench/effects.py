@@ -3,6 +3,7 @@
 import asyncio
 import math
 from collections.abc import Awaitable, Callable, Mapping
+from contextlib import suppress
 from itertools import chain
 from typing import Any
 
@@ -15,7 +16,7 @@ from palpate.estimation.estimate import with_unit
 from palpate.render import palette
 from palpate.render.build import axes_of
 from palpate.render.effects import EffectExample
-from palpate.robot_io.errors import PalpateError
+from palpate.robot_io.errors import InputError, PalpateError
 from palpate.workbench import elements
 from palpate.workbench.elements import Figure, Plot, Restyle, axis, curve, heading, layout_of, set_props
 from palpate.workbench.plots import DrawnMotion, near, picked
@@ -197,10 +198,12 @@ class EffectList:
         """Sort by evidence, with indistinguishable effects in one frame."""
         rows, placed = self._rows.by_name, set[str]()
         changes = {name: {**_APART, "order": rows[name]["order"]} for name in self._effects}
-        diagnosis = self._state.diagnosis
+        diagnosis = None
+        with suppress(InputError):  # the card of the diagnosis reports a damaged file
+            diagnosis = self._state.diagnosis
         if diagnosis is not None:
-            confused = [[entry.effect, *entry.confused_with] for entry in diagnosis.accepted]
-            alike = [*confused, *([evidence.effect] for evidence in self._evidence)]
+            alike = [[each.effect, *each.confused_with] for each in diagnosis.accepted if each.confused_with]
+            alike += ([evidence.effect] for evidence in self._evidence)
         else:
             alike = [[evidence.effect for evidence in group] for group in groups(self._evidence)]
             self._rivals |= {name: tuple(names) for names in alike if len(names) > 1 for name in names}

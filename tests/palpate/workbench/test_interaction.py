@@ -382,6 +382,11 @@ def test_indistinguishable_effects_share_a_frame(opened, state, monkeypatch):
         listed.arrange()
         assert [name for name, row in rows.items() if row["alike"]] == ["lag", "delay"]
         assert rows["lag"]["order"] == rows["delay"]["order"] == -400
+        page._effects._evidence = []
+        page._effects.fill()  # before any evidence; single effects keep their places
+        rows = page._effects._rows.by_name
+        assert [name for name, row in rows.items() if row["alike"]] == ["lag", "delay"]
+        assert (rows["delay"]["order"], rows["bias"]["order"]) == (0, 1000)
 
     opened(work)
 
