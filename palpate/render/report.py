@@ -92,7 +92,8 @@ def figure(channel: ChannelView) -> go.Figure:
         3, 2, specs=specs, subplot_titles=titles, row_heights=[0.36, 0.36, 0.28], vertical_spacing=0.14
     )
     _draw_error_steps(made, channel)
-    _draw_state(made, channel, (1, 2), channel.position, channel.axes.position, named=False)
+    one_color = replace(channel, speeds={})  # the legend is that of the curves over time
+    _draw_state(made, one_color, (1, 2), channel.position, channel.axes.position, named=False)
     _draw_time(made, channel, (2, 1))
     _draw_residuals(made, channel, (3, 1))
     made = styled(made, 800)

@@ -120,8 +120,8 @@ class MergedSessions:
         """Describe the error of the common timeline; the clocks' offset itself has no meaning."""
         error, drift = (_duration(s) for s in (0.5 * self.round_trip_s, float(np.ptp(self.exchanges[:, 1]))))
         return (
-            f"the follower's times are shown on the leader's clock, within {error} (half the shortest round "
-            f"trip); the clocks drifted by {drift} over the session"
+            f"the follower's times are shown on the leader's clock; their offset is measured within {error} "
+            f"(half the shortest round trip), and drifted by {drift} over the session"
         )
 
     @property

@@ -220,5 +220,7 @@ class TestFigures:
         assert np.nanstd(last.z) < 0.5 * np.nanstd(first.z)
         shown = report.figure(result_view(result))
         assert {trace.type for trace in shown.data} == {"bar", "scatter"}
+        colors = {(trace.name, trace.line.color) for trace in shown.data if trace.type == "scatter"}
+        assert len(colors) == 3  # measured and two models, in every plot alike
         titles = [note.text for note in shown.layout.annotations]
         assert {"Error in held-out runs", "Over position", "Over time"} <= set(titles)
