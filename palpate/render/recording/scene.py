@@ -47,9 +47,17 @@ class Scene:
     summary: str = ""  # summary in Markdown
 
     @property
+    def origin_s(self) -> float:
+        """The whole second of the session's clock at which the recording's time begins [s].
+
+        It is 0 in simulation. The clock of a real arm may have run for hours.
+        """
+        return float(np.floor(self.ticks["time_s"][0]))
+
+    @property
     def time_s(self) -> FloatArray:
-        """Time of each tick as in the session, shape (n,) [s]."""
-        return np.asarray(self.ticks["time_s"])
+        """Time of each tick since `origin_s`, shape (n,) [s]."""
+        return np.asarray(self.ticks["time_s"] - self.origin_s)
 
     @property
     def joints(self) -> int:

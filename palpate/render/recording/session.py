@@ -63,7 +63,7 @@ def record_session(scene: Scene, path: Path) -> None:
         if scene.summary:
             recording.log(_SUMMARY, markdown(scene.summary), static=True)
         levels = dict.fromkeys(_TROUBLE, rr.TextLogLevel.WARN) | {"trip": rr.TextLogLevel.ERROR}
-        times_s = np.array([event.time_s for event in scene.events])
+        times_s = np.array([event.time_s for event in scene.events]) - scene.origin_s
         log_events(recording, _EVENTS, scene.events, times_s, levels)
 
 
