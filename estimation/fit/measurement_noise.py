@@ -206,8 +206,9 @@ def _estimate_noise(base: FitResult) -> MeasurementNoise:
         for motion in (measurement.smoothed_motion, measurement.simulate(np.random.default_rng(_SEED)))
     )
     # Where reading errors make or break contact, the prediction jumps at the surface of the base model.
-    is_steady = (smooth == 0.0) == (simulated == 0.0)
-    motion_noise = rmse(np.where(base.scored & is_steady, simulated - smooth, np.nan))
+    is_contact = base.data.kind is ChannelKind.CONTACT
+    jumps = is_contact & ((smooth == 0.0) != (simulated == 0.0))
+    motion_noise = rmse(np.where(base.scored & ~jumps, simulated - smooth, np.nan))
     air, fast = free_air_noise(data), fast_noise(data)
     if air and air <= bound:  # a sensor that reads zero in free air does not show its noise
         effort, effort_source = air, NoiseSource.FREE_AIR
