@@ -178,4 +178,14 @@ def with_unit(value: float, unit: str, digits: int = 3) -> str:
         unit: its unit.
         digits: number of significant digits.
     """
-    return f"{rounded(value, digits)} {unit}".removesuffix(" 1")
+    return text_with_unit(rounded(value, digits), unit)
+
+
+def text_with_unit(text: str, unit: str) -> str:
+    """Append a unit to a number in words, unless it is "1".
+
+    Args:
+        text: the number.
+        unit: its unit.
+    """
+    return text if unit == "1" else f"{text} {unit}"

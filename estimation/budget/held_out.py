@@ -198,7 +198,10 @@ class HeldOutError(SquaredErrors):
 
 @dataclass
 class BestVariant(SquaredErrors):
-    """Smallest squared errors of several variants of a base model and its laws; the base is the first."""
+    """Squared errors of the best of several variants of a model and its laws.
+
+    Without laws, the first variant counts; it is the base model.
+    """
 
     variants: Sequence[HeldOutError]
     _squares: dict[Kinds, FloatArray] = field(default_factory=dict)

@@ -317,9 +317,10 @@ def _make_channel(
         source.name, source.kind, *motion, effort, rows.run, phase, touching=both_ways, units=units
     )
     if is_contact and SURFACE_COLUMN in columns.table.names and (rows.phase != UNKNOWN_PHASE).all():
-        names = [name for name in (SURFACE_COLUMN, STEP_COLUMN) if name in columns.table.names]
-        stored = [float(columns.table.numbers(name)[rows.order[0]]) for name in names]
-        return with_surface(data, *stored) if np.isfinite(stored).all() else data
+        first, table = rows.order[0], columns.table
+        has_step = STEP_COLUMN in table.names and table.filled_rows(STEP_COLUMN).all()
+        step_m = float(table.numbers(STEP_COLUMN)[first]) if has_step else 0.0
+        return with_surface(data, float(table.numbers(SURFACE_COLUMN)[first]), step_m)
     return data
 
 

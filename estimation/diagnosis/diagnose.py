@@ -193,7 +193,7 @@ def _extend_accepted(
     checks: Completeness,
     kinds: Callable[[], PartiallyLinear],
 ) -> tuple[FitResult, list[FormTest]]:
-    """Add effects to an incomplete model of accepted effects, as long as they are all accepted.
+    """Add effects to an incomplete model as long as more of them are accepted; one may replace another.
 
     The search selects the effects that fit best jointly. If some of them are not accepted, it may have missed
     the effects that explain their part of the error.
@@ -202,7 +202,8 @@ def _extend_accepted(
         possible = [candidate for candidate in search.screen(end) if candidate.possible][:_EXTENSIONS]
         needed = (each for each in map(search.with_candidate, possible) if search.is_needed(end, each))
         tried = (
-            accept_forms(search, kinds(), search.mended(extended), checks.measurement) for extended in needed
+            accept_forms(search, kinds(), search.replace_implausible(extended), checks.measurement)
+            for extended in needed
         )
         longer = next((pair for pair in tried if len(accepted) < len(search.added_effects(pair[0]))), None)
         if longer is None:

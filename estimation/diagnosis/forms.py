@@ -200,7 +200,8 @@ def error_of_kinds(start: FitResult, *, with_laws: bool = True) -> BestVariant:
     )
     error = HeldOutError(base, laws, target, blocked, used)
     if is_contact and Kind.FRICTION in error.kinds:
-        # Friction acts on the sides of the tool, or inside the object, which only pushes: the data decide.
+        # Friction acts on the sides of the tool, or inside the object. The object only pushes, so the second
+        # one ends with the contact. The data decide.
         inside = [replace(law, one_sided=law.one_sided or Kind.FRICTION in law.kinds) for law in laws]
         errors = error, HeldOutError(base, inside, target, blocked, used)
         error = min(errors, key=lambda error: error.mean_square(frozenset({Kind.FRICTION})))

@@ -278,6 +278,9 @@ class Search:
     def extensions(self, fit: FitResult) -> list[FitResult]:
         """Fit the most promising extensions of a model by one effect, in the order of `ordered`.
 
+        An extension in which an earlier effect is implausible is returned with this effect replaced or
+        dropped, if that is plausible.
+
         Args:
             fit: the model to extend.
         """
@@ -293,12 +296,16 @@ class Search:
         limit = (1.0 - TIE) * fit.solution.held_out
         fits = [self.with_candidate(possible[i]) for i in [i for i in order if left[i] < limit][:count]]
         sensible = [extension for extension in fits if self.is_sensible(extension)]
-        limit = _MAX_LEFT * min(each.solution.held_out for each in (fit, *sensible))
-        mended = [self.mended(each) for each in fits if each.solution.held_out < limit]
-        return self.ordered([*sensible, *filter(self.is_sensible, mended)])
+        clearly_better = _MAX_LEFT * min(each.solution.held_out for each in (fit, *sensible))
+        replaced = [
+            self.replace_implausible(each) for each in fits if each.solution.held_out < clearly_better
+        ]
+        return self.ordered([*sensible, *filter(self.is_sensible, replaced)])
 
-    def mended(self, fit: FitResult) -> FitResult:
-        """Replace effects of an extended model that are implausible beside the new one, which they imitated.
+    def replace_implausible(self, fit: FitResult) -> FitResult:
+        """Replace or drop added effects if one of them is implausible; see `backward_step`.
+
+        An effect may have imitated one that was added later, and is implausible beside it.
 
         Args:
             fit: the model; returned itself if it is plausible.
@@ -394,7 +401,7 @@ class Search:
         """Check whether an effect lowers the error by a relevant share and significantly.
 
         Args:
-            before: the model without the effect.
+            before: the model without the effect, or before one effect replaced another.
             after: the model with the effect.
         """
         if after.rmse > (1.0 - SMALL) * before.rmse:

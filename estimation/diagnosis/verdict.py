@@ -254,13 +254,14 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
     verdict = Verdict.MISSING if accepted else Verdict.ADEQUATE if evidence.complete else Verdict.UNEXPLAINED
     budget, rest = _budget(evidence)
     base, last = evidence.stages[0], evidence.stages[-1]
-    has_structure = bool(budget or evidence.signals)
+    shows_effect = bool(budget or evidence.signals)
     if evidence.residual_finding is None and last.rmse <= (1.0 + SMALL) * noise.value:
-        # Signals explain too little to tell which ones; kinds explain a part of any noise.
+        # A flexible regression explains nothing. The laws of kinds always fit a small part of the noise, so
+        # only a large share counts.
         explained, left = sum(entry.share for entry in budget), rest.noise + rest.unexplained
-        has_structure = explained >= MIN_OF_UNEXPLAINED * left
+        shows_effect = explained >= MIN_OF_UNEXPLAINED * left
     within_bound = noise.is_bound and last.rmse <= SLOW * noise.value
-    if verdict is Verdict.UNEXPLAINED and within_bound and not has_structure:
+    if verdict is Verdict.UNEXPLAINED and within_bound and not shows_effect:
         unit = search.data.kind.effort_unit
         reason = (
             f"{_explained_variance(evidence)}, and its whole error of {with_unit(last.rmse, unit)} may be "

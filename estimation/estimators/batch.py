@@ -71,8 +71,8 @@ class Robust(Estimator):
 
     Such a start can fit most samples perfectly, for example a long rest, and reject the others as outliers.
     The fit of least absolute residuals, which uses all samples, is therefore a second start, and the estimate
-    with the smaller loss counts. If it rejects many samples, the model is wrong; the noise level is then that
-    of the least absolute residuals.
+    with the smaller loss counts. If it rejects 45 % of the samples, the model is wrong. The fit is then
+    repeated from the second start, with the noise level of the least absolute residuals.
 
     Source: V. J. Yohai, High Breakdown-Point and High Efficiency Robust Estimates for Regression, Ann. Stat.
     15 (1987).

@@ -171,6 +171,7 @@ MAY_BE_NOISE = (
     "but neither a flexible regression nor the residual checks show a missing effect: the noise may be "
     "larger than estimated, or the measured motion may have errors"
 )
+EXPLAINS_LITTLE = "but the model explains so little of the effort that these data cannot show whether it fits"
 ROUNDING = "numerical rounding"  # the error of an exact model
 FAR = 3.0  # ratio to the noise above which a model is far off
 _MAX_SPLITS = 3  # largest number of splits that are described
@@ -194,6 +195,8 @@ class Comparison(TableDisplay):
     patterns: tuple[ErrorPattern, ...] = ()  # patterns in the parts of the error; empty if it is complete
     # Kinds whose flexible laws explain the error, the largest share first; empty if it is complete.
     kinds: tuple[BudgetEntry, ...] = ()
+    # Whether it counts as complete only because an upper bound of the noise may be all noise.
+    may_be_noise: bool = False
 
     @property
     def rmse(self) -> float:
@@ -313,7 +316,7 @@ def compare(fitted: FitResult, base: FitResult, model: str, noise: MeasurementNo
         if len(occupied) > 1:
             parts[by] = tuple(occupied)
     within_noise = fitted.rmse < AT_NOISE * noise.value or fitted.is_exact
-    is_complete, kinds = within_noise, tuple[BudgetEntry, ...]()
+    is_complete, may_be_noise, kinds = within_noise, False, tuple[BudgetEntry, ...]()
     with single_threaded():
         # An upper bound of the noise does not show that nothing is missing.
         is_tested = noise.is_bound if within_noise else fitted.rmse <= FAR * noise.value
@@ -326,25 +329,43 @@ def compare(fitted: FitResult, base: FitResult, model: str, noise: MeasurementNo
             kinds = error_budget(error, np.random.default_rng(0)).entries
     found_patterns = () if is_complete else patterns(parts, fitted.rmse)
     first, *where = _words(fitted.rmse, noise, {} if is_complete else parts, unit)
-    if fitted.is_exact:
+    if within_noise and not is_complete:
+        first = f"{first[:-1]}, but a test shows that part of it is not noise."
+    elif may_be_noise:
+        first = f"{first[:-1]}, {EXPLAINS_LITTLE}."
+    elif fitted.is_exact:
         first = f"The error of {with_unit(fitted.rmse, unit)} is {ROUNDING}."
     elif is_complete and not within_noise:
         first = f"{first[:-1]}, {MAY_BE_NOISE}."
     if fitted.unphysical:
         first = f"{first} But {', '.join(fitted.unphysical)}: {UNPHYSICAL}."
-    words = [first, *where, *(pattern.sentence for pattern in found_patterns)]
-    if kinds:
-        shares = []
-        for entry in kinds:
-            replacing = " or ".join(kind.word for kind in entry.replaceable_by)
-            share = f"{entry.kind.word} {100 * entry.share:.0f} %"
-            shares.append(f"{share} (or {replacing})" if replacing else share)
-        listed = ", ".join(shares)
-        words.append(f"Kinds of effects that would explain it, as shares of the squared error: {listed}.")
+    words = [first, *where, *(pattern.sentence for pattern in found_patterns), *_describe_kinds(kinds)]
     noise = noise.below(fitted.rmse)
     return Comparison(
-        data.name, unit, model, fitted, noise, is_complete, parts, tuple(words), found_patterns, kinds
+        data.name,
+        unit,
+        model,
+        fitted,
+        noise,
+        is_complete,
+        parts,
+        tuple(words),
+        found_patterns,
+        kinds,
+        may_be_noise,
     )
+
+
+def _describe_kinds(kinds: Sequence[BudgetEntry]) -> Iterator[str]:
+    """State which kinds of effects would explain the error, if any."""
+    shares = []
+    for entry in kinds:
+        replacing = " or ".join(kind.word for kind in entry.replaceable_by)
+        share = f"{entry.kind.word} {100 * entry.share:.0f} %"
+        shares.append(f"{share} (or {replacing})" if replacing else share)
+    if shares:
+        listed = ", ".join(shares)
+        yield f"Kinds of effects that would explain it, as shares of the squared error: {listed}."
 
 
 def _words(

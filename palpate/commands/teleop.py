@@ -6,7 +6,7 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from typer import Option
 
@@ -147,7 +147,7 @@ def follower(
     raise_for_end(outcome.loop)
 
 
-def _state_summary(states: Mapping[Any, str]) -> str:
+def _state_summary(states: Mapping[int, str] | Mapping[str, str]) -> str:
     """Describe what became of each target, such as "target 0: done, target 1: queued"."""
     return ", ".join(f"target {number}: {state}" for number, state in states.items()) or "no target"
 

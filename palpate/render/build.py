@@ -23,7 +23,7 @@ from palpate.estimation.fit.measurement_noise import MeasurementNoise
 from palpate.estimation.model import Model
 from palpate.estimation.signals.blocks import block_index, blocks, since_start
 from palpate.estimation.study import ChannelResult, ModelStudy
-from palpate.estimation.study.comparison import MAY_BE_NOISE, ROUNDING, ErrorPart
+from palpate.estimation.study.comparison import EXPLAINS_LITTLE, MAY_BE_NOISE, ROUNDING, ErrorPart
 from palpate.render.diagnosis import (
     budget_view,
     describe_error_decrease,
@@ -55,7 +55,7 @@ def channel_view(
     *,
     parts: Mapping[str, Sequence[ErrorPart]] | None = None,
     words: Sequence[str] = (),
-    complete: bool = False,
+    complete: bool | None = False,
     diagnosis: ChannelDiagnosis | None = None,
     scored: BoolArray | None = None,
     exclusion_note: str = "",
@@ -69,7 +69,7 @@ def channel_view(
         noise: error of a complete model; None if unknown.
         parts: the last stage's error, split by phase, run, speed and so on.
         words: sentences on where the last stage fails.
-        complete: whether no missing effect shows in the error of the last stage.
+        complete: whether no missing effect shows in the error of the last stage; None if none could show.
         diagnosis: diagnosis of the channel; None if there is none.
         scored: samples whose error counts (n,); by default those where the last stage has a residual.
         exclusion_note: sentence on the excluded samples; by default it states their share.
@@ -168,7 +168,7 @@ def _run_speeds(data: ChannelData) -> dict[int, str]:
         velocity = data.velocity[rows]
         inward = np.sort(velocity[np.isin(data.phase[rows], _INWARD) & (velocity > 0.0)])
         if data.run[rows.start] >= 0:
-            covered = np.cumsum(inward)  # distance, up to a constant
+            covered = np.cumsum(inward)  # proportional to the distance, for even sampling
             speed = inward[np.searchsorted(covered, covered[-1] / 2)] if len(inward) else 0.0
             speeds[int(data.run[rows.start])] = _TO_MILLI * float(speed)
     groups = list[list[tuple[int, float]]]()
@@ -197,7 +197,7 @@ def equation_of(model: Model) -> str:
 
 
 def _verdict(
-    view: ChannelView, words: Sequence[str], diagnosis: ChannelDiagnosis | None, *, complete: bool
+    view: ChannelView, words: Sequence[str], diagnosis: ChannelDiagnosis | None, *, complete: bool | None
 ) -> VerdictView:
     """Make the view of the diagnosis or of the last stage's comparison, including later added effects."""
     if diagnosis is None and not view.stages:
@@ -211,17 +211,20 @@ def _verdict(
     wrong = unphysical_remarks(view.stages[-1].unphysical) if view.stages else ()
     if diagnosis is None:
         model, times = " ".join(labels), view.times_noise(errors[-1])
-        fits = complete and not wrong  # a model with impossible parameters never fits
-        at_least = "at least " * view.noise_is_bound
+        fits = complete is not False and not wrong  # a model with impossible parameters never fits
+        verb, at_least = "may fit" if complete is None else "fits", "at least " * view.noise_is_bound
         far = "" if times < NOISE else f"; the error is {at_least}{times:.1f} times the noise"
-        if complete and far:
+        if complete is None:
+            far = f", {EXPLAINS_LITTLE}"
+        elif complete and far:
             far = f"{far}, {MAY_BE_NOISE}" if view.noise_level > 0.0 else f"; the error is {ROUNDING}"
         text = (
-            f"{model} {'fits' if fits else 'does not fit'} {view.name}: {with_unit(errors[-1], unit)} in "
+            f"{model} {verb if fits else 'does not fit'} {view.name}: {with_unit(errors[-1], unit)} in "
             f"held-out runs, noise {view.noise_text}{far}."
         )
         remarks = (*wrong, *fall, *(() if fits else words))
-        return VerdictView("fits" if fits else "misses", text, remarks, (view.name, model))
+        word = ("" if complete is None else "fits") if fits else "misses"
+        return VerdictView(word, text, remarks, (view.name, model))
     verdict = diagnosis_verdict(diagnosis)
     as_found = changes == [entry.effect for entry in diagnosis.accepted]
     since = tuple(f"Added since: {sentence}" for sentence in fall if not as_found)
@@ -290,7 +293,7 @@ def result_view(result: ChannelResult, *, with_parameters: bool = True) -> Chann
         result.noise,
         parts=compared.parts if compared is not None else None,
         words=compared.words[1:] if compared is not None else (),
-        complete=compared is not None and compared.is_complete,
+        complete=compared is not None and (None if compared.may_be_noise else compared.is_complete),
         diagnosis=diagnosis,
         exclusion_note=compared.exclusion_note if compared is not None else "",
         notes=(result.reason,) if result.reason and not is_said else (),

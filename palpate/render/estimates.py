@@ -103,7 +103,8 @@ def estimates_view(estimates: ChannelEstimates, truth: Truth) -> ChannelView:
     unfitted = f"{share:.2g} % of the samples are not part of the fit; they are shaded" if share else ""
     view = channel_view(estimates.channel, [stage], estimates.noise, scored=estimates.rows)
     is_invalid = contaminated(estimates.channel, estimates.model) or best.unphysical
-    word = "misses" if estimates.misfit > POOR or is_invalid else "fits" * (estimates.misfit <= POOR)
+    is_known = not np.isnan(estimates.misfit)  # NaN without a noise level
+    word = "misses" if is_invalid or estimates.misfit > POOR else "fits" if is_known else ""
     names = (estimates.channel.name, estimates.model.name)
     verdict = VerdictView(word, sentence, (*remarks(estimates, truth), unfitted), names)
     return replace(view, error_steps=(), verdict=verdict)

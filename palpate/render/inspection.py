@@ -90,7 +90,8 @@ def inspect_session(session: Session, estimates: ChannelEstimates | None = None)
     contact = next((channel for channel in channels if channel.kind is ChannelKind.CONTACT), None)
     if estimates is None and contact is not None:
         with suppress(InputError):  # too few contact samples for an estimate
-            estimates = ModelStudy(session.path, CONTACT_MODEL).estimate(PREFERRED, contact.name)[0]
+            untared = [channel for channel in session_channels(session) if channel.name == contact.name]
+            estimates = ModelStudy(untared, CONTACT_MODEL).estimate(PREFERRED, contact.name)[0]
     truth = true_parameters(session)
     ticks: Columns | None = None  # of an arm's session, with two dimensions for vectors of a single joint too
     if STREAM_NAME in session.stream_names and len(session.samples(STREAM_NAME)) >= 2:

@@ -114,16 +114,14 @@ def _words(sides: PairedComparison) -> Iterator[str]:
                 f"{letter}'s model has {_describe_fit(side, data)} on {other_letter}, and "
                 f"{_describe_fit(side, side)} on {letter}."
             )
-    for letter, side in pair:
-        if side.compared is not None and side.compared.lack_of_fit > FAR:
-            yield (
-                f"The error of {letter}'s model is {side.compared.lack_of_fit:.1f} times the noise level, so "
-                "its parameters mean little: add the missing effects and compare again (--revision)."
-            )
-    lacks_effects = any(
-        side.compared is not None and side.compared.lack_of_fit > FAR for side in (sides.first, sides.second)
-    )
-    yield from _compare_parameters(sides, lacks_effects=lacks_effects)
+    compared = [(letter, side.compared) for letter, side in pair if side.compared is not None]
+    far = {letter: comparison.lack_of_fit for letter, comparison in compared if comparison.lack_of_fit > FAR}
+    for letter, times in far.items():
+        yield (
+            f"The error of {letter}'s model is {times:.1f} times the noise level, so its parameters mean "
+            "little: add the missing effects and compare again (--revision)."
+        )
+    yield from _compare_parameters(sides, lacks_effects=bool(far))
     for letter, side in pair:
         for what, correlation in (
             ("autocorrelated", side.autocorrelation),

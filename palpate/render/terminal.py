@@ -121,7 +121,7 @@ def print_comparison(console: Console, channels: Sequence[ChannelView]) -> None:
     """Print each channel's error and the noise level, with tables if a model does not fit."""
     for channel in channels:
         _print_verdict(console, channel.verdict)
-        if channel.parts and (channel.verdict.word != "fits" or len(channels) == 1):
+        if channel.parts and (channel.verdict.word not in {"fits", ""} or len(channels) == 1):
             console.print(_parts_table(channel, console.width))
 
 

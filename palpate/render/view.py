@@ -69,7 +69,7 @@ class StageView:
 class VerdictView:
     """The verdict on one channel."""
 
-    word: str  # adequate, missing, unexplained or insufficient; after a comparison only, fits or misses
+    word: str  # adequate, missing, unexplained or insufficient; after a comparison, fits or misses; or empty
     sentence: str  # sentence on this channel
     remarks: tuple[str, ...] = ()  # further sentences
     names: tuple[str, ...] = ()  # effects in the sentence, to be set in bold
@@ -229,7 +229,7 @@ class StudyView:
 
 @dataclass(frozen=True)
 class ResidualMap:
-    """Mean residual over the state: cell centers (p,) and (v,), mean (v, p), NaN without samples."""
+    """Mean residual over the state: cell centers (p,) and (v,), mean (v, p), NaN with too few samples."""
 
     position: FloatArray
     velocity: FloatArray
@@ -245,8 +245,8 @@ def residual_map(
 ) -> ResidualMap:
     """Average a residual (n,) over position and velocity, for the samples in `used`.
 
-    A cell with fewer than three samples, as in fast motion, has the mean of the smallest block of cells
-    around it that has three.
+    A cell with one or two samples, as in fast motion, has the mean of the smallest block of a fixed grid that
+    contains it and three samples. It is NaN if the largest block has fewer, or if the cell is empty.
 
     Args:
         position: shape (n,).
@@ -270,5 +270,7 @@ def residual_map(
 def _edges(values: FloatArray) -> FloatArray:
     if not len(values):
         return np.linspace(0.0, 1.0, _CELLS + 1)
-    low, high = values.min(), values.max()
+    # The two lowest and the two highest values may be outliers.
+    ordered, last = np.sort(values), min(_LEAST, len(values))
+    low, high = ordered[last - 1], ordered[-last]
     return np.linspace(low, high if high > low else low + 1.0, _CELLS + 1)

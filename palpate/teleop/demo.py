@@ -7,7 +7,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -158,6 +158,23 @@ def run_demo(folder: Path, real: Scenario, further: Sequence[str] = ()) -> Teleo
     return TeleopDemo(merged, rendered, modeled, files, ended_early)
 
 
+def _wait_for_ends(running: Mapping[str, subprocess.Popen[bytes]], valid: set[int], folder: Path) -> None:
+    """Wait until both sides end; raise the follower's error first, because the leader depends on it."""
+    failures = list[str]()
+    for side in reversed(_SIDES):
+        log = folder / f"{side}.log"
+        try:
+            code = running[side].wait(_END_S)
+        except subprocess.TimeoutExpired:
+            late = f"the {side} did not end within {_END_S:g} s (see {log})"
+            raise PalpateError(f"{_TOO_SLOW}: {late}. {_AGAIN}") from None
+        if code not in valid:
+            lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+            failures.append(f"the {side} failed: {lines[-1] if lines else f'without a message (see {log})'}")
+    if failures:
+        raise PalpateError(failures[-1])
+
+
 def _run_both(folder: Path, commands: dict[str, list[str]]) -> bool:
     """Run both sides to their end; return whether the leader had to be interrupted."""
     program = [sys.executable, "-P", "-m", "palpate.main", "teleop"]
@@ -182,15 +199,7 @@ def _run_both(folder: Path, commands: dict[str, list[str]]) -> bool:
             valid.add(INTERRUPTED)
             for process in running.values():
                 process.send_signal(signal.SIGINT)
-        for side in reversed(_SIDES):
-            log = folder / f"{side}.log"
-            if running[side].wait(_END_S) not in valid:
-                lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-                why = f"the {side} failed: {lines[-1] if lines else f'without a message (see {log})'}"
-                raise PalpateError(f"{_TOO_SLOW}: {why}. {_AGAIN}" if INTERRUPTED in valid else why)
-    except subprocess.TimeoutExpired:
-        late = f"the {side} did not end within {_END_S:g} s (see {log})"
-        raise PalpateError(f"{_TOO_SLOW}: {late}. {_AGAIN}") from None
+        _wait_for_ends(running, valid, folder)
     finally:
         signal.signal(signal.SIGINT, handler)
         for process in running.values():

@@ -172,7 +172,7 @@ CURVES = "Blue: measured; gray: base model; orange: chosen model. Below: measure
 STATE = "Curves over position and over velocity: loops show damping or friction, bends show stiffness."
 MAP = (
     "Mean of measured minus model over position and velocity: red above, blue below; a good model is pale. "
-    "Where a cell has fewer than three samples, neighboring cells count as well."
+    "A cell with one or two samples shows the mean of its block of neighboring cells."
 )
 BUDGET = f"Shares of the base model's squared error in held-out runs, by kind of effect. {RANGE_MEANING}"
 EVIDENCE = "Share of the held-out error that this effect removes in addition to the other ticked effects."

@@ -7,7 +7,7 @@ from html import escape
 from nicegui import events, ui
 
 from palpate.common.console import significant
-from palpate.estimation.estimate import ParameterEstimate, rounded, with_unit
+from palpate.estimation.estimate import ParameterEstimate, rounded, text_with_unit, with_unit
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_noise import MeasurementNoise
 from palpate.render.diagnosis import unphysical_remarks
@@ -61,7 +61,7 @@ class ErrorCard:
         self._wrong.set_text(" ".join(unphysical_remarks(fit.unphysical)))
 
     def preview(self, shown: DisplayedFit, error: float) -> None:
-        """Show the error at the values of the sliders, below those of the fits.
+        """Show the error at the values of the sliders, as a further bar below those of the fits.
 
         Args:
             shown: the fit whose sliders were moved.
@@ -200,7 +200,7 @@ class Parameters:
         elif name in choice.bounds:
             low, high = choice.bounds[name]
             text = f"within {low:.3g} to {high:.3g}, {text}"
-        self._numbers[name].set_text(f"{number} {unit}".removesuffix(" 1"))
+        self._numbers[name].set_text(text_with_unit(number, unit))
         self._intervals[name].set_text(text)
 
     def _row(self, name: str) -> None:

@@ -232,6 +232,10 @@ def test_residual_map_averages_scored_samples_in_a_cell(contact):
     fast = residual_map(x, speed, np.ones(len(x)), used)
     assert np.isfinite(fast.mean).sum() == 36 + 20
     np.testing.assert_allclose(fast.mean[np.isfinite(fast.mean)], 1.0)
+    # one wrong reading of the speed does not hide the others
+    speed = np.append(np.tile(np.linspace(-50.0, 50.0, 100), 10), 5000.0)
+    spiked = residual_map(speed, speed, np.ones(len(speed)), np.ones(len(speed), dtype=np.bool_))
+    assert np.isfinite(spiked.mean).any(axis=1).sum() >= 30
 
 
 def test_excluded_samples_are_reported(contact):

@@ -180,7 +180,7 @@ def _blueprint(scene: Scene) -> rrb.Blueprint:
     depths = (-_ABOVE * deepest_mm, _BELOW * deepest_mm) if deepest_mm > 0 else None
     torque_nm = scene.ticks["torque_measured_nm"][1:, 0]
     low, high = (pick(torque_nm, initial=0.0, where=np.isfinite(torque_nm)) for pick in (np.min, np.max))
-    # With zero, Rerun labels two values at least; above the first joint's curves is room for the legend.
+    # The range includes zero, so that Rerun labels at least two values. The room above is for the legend.
     first = (low, high + _ROOM * (high - low)) if high > low else None, rrb.Corner2D.LeftTop
     torques = [
         plot(f"{_TORQUE}/joint_{j}", f"Joint {j} torque [N m]", *(first if j == 1 else ()))

@@ -128,7 +128,7 @@ def test_channel_is_searched_reduced_and_reported(name, monkeypatch):
     search = SimpleNamespace(
         start=base, coarse=None, rng=None, fitted=fitted, is_better=lambda one, other: one < other
     )
-    search.mended = lambda fit: fit
+    search.replace_implausible = lambda fit: fit
     beside = given.get("beside", {})
     search.screen = lambda one: [SimpleNamespace(possible=True, model=model) for model in beside.get(one, [])]
     search.is_needed = lambda before, after: after != given.get("needless")

@@ -1,12 +1,17 @@
 """Error patterns of a comparison: where the error is, and which kinds explain it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
+from palpate.estimation.diagnosis.completeness import Completeness
 from palpate.estimation.fit.measurement_noise import MeasurementNoise, NoiseSource
 from palpate.estimation.kinds import Kind
 from palpate.estimation.study import ErrorPart, ModelStudy
 from palpate.estimation.study.comparison import _words, patterns
+from tests.estimation import swings as pendulum
 from tests.palpate.presses import press_rows
 
 SPEEDS = (0.02, 0.04, 0.08, 0.03)
@@ -119,3 +124,28 @@ def test_noise_suggests_nothing(data):
 def test_pattern_is_the_signal_of_most_error(parts, words):
     found = patterns(parts, 1.0)
     assert [words in one.words for one in found] == ([True] if words else [])
+
+
+def test_bounded_noise_shows_neither_that_a_model_fits_nor_that_it_does_not():
+    """Slow noise may be motion: its bound is as large as the error, of which the model explains nothing."""
+    data = pendulum.swings(1)
+    slow = lfilter([1.0], [1.0, -0.5], np.random.default_rng(0).normal(size=len(data)))
+    compared = ModelStudy(replace(data, effort=slow), "pendulum").compare().channels[0]
+    assert compared.noise.is_bound
+    assert compared.may_be_noise
+    assert compared.words[0].endswith("these data cannot show whether it fits.")
+
+
+def test_model_below_a_bounded_noise_is_tested(monkeypatch):
+    data = pendulum.swings(1)
+    slow = lfilter([1.0], [1.0, -0.5], np.random.default_rng(0).normal(size=len(data)))
+    study = ModelStudy(replace(data, effort=data.effort + 0.1 * slow), "pendulum")
+    told = study.compare().channels[0]
+    assert told.noise.is_bound
+    assert told.is_complete
+    assert not told.may_be_noise
+    for test in ("is_complete", "leaves_smoothing"):
+        monkeypatch.setattr(Completeness, test, lambda self, fit: False)
+    told = ModelStudy(replace(data, effort=data.effort + 0.1 * slow), "pendulum").compare().channels[0]
+    assert not told.is_complete
+    assert told.words[0].endswith("but a test shows that part of it is not noise.")
