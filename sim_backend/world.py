@@ -249,24 +249,6 @@ class World:
             force_n=self._contact.force_n,
         )
 
-    def inverse_dynamics(
-        self, position_rad: ArrayLike, velocity_rad_s: ArrayLike, acceleration_rad_s2: ArrayLike
-    ) -> FloatArray:
-        """Compute torques of a motion in free air, by the engine's own recursion, shape (n,) [N m].
-
-        Args:
-            position_rad: shape (n,) [rad].
-            velocity_rad_s: shape (n,) [rad/s].
-            acceleration_rad_s2: shape (n,) [rad/s^2].
-
-        Raises:
-            InputError: wrong number of joints.
-        """
-        motion = (position_rad, velocity_rad_s, acceleration_rad_s2)
-        shape = (self.joint_count,)
-        lists = [frozen_array(values, shape, what="joint motion").tolist() for values in motion]
-        return self._engine.inverse_dynamics(*lists)
-
     def close(self) -> None:
         """Free resources; can be called repeatedly."""
         self._engine.close()

@@ -69,6 +69,11 @@ def make_world(arm, settings=None, effects=NO_EFFECTS, start_s=0.0):
     return World(arm, scenario() if settings is None else settings, effects, start_s)
 
 
+def inverse_dynamics(world, *motion):
+    """Torques of a motion in free air, by the engine: positions, velocities and accelerations (n)."""
+    return world._engine.inverse_dynamics(*(np.asarray(values, float).tolist() for values in motion))
+
+
 def watch(world, duration_s, period_s=1e-3):
     """The truth at each period from now on, the present state included."""
     start_s = world.time_s

@@ -12,7 +12,7 @@ from palpate.robot_io.robot import build_robot
 from palpate.robot_io.robot_file import load_robot_file
 from palpate.robot_io.types import Command, Status
 from palpate.sim_backend.scenario import load_scenario
-from tests.sim_backend.parts import ARM_NAMES, ARMS_DIR
+from tests.sim_backend.parts import ARM_NAMES, ARMS_DIR, inverse_dynamics
 
 TICK_S = 1e-3
 
@@ -28,7 +28,7 @@ def world_of(robot):
 
 def holding_torque(robot):
     truth = world_of(robot).truth()
-    return world_of(robot).inverse_dynamics(truth.joint_position_rad, np.zeros(3), np.zeros(3))
+    return inverse_dynamics(world_of(robot), truth.joint_position_rad, np.zeros(3), np.zeros(3))
 
 
 @pytest.mark.parametrize("name", ARM_NAMES)

@@ -16,6 +16,7 @@ from tests.sim_backend.parts import (
     GRAVITY_M_S2,
     SLIDER_URDF,
     column,
+    inverse_dynamics,
     make_world,
     scenario,
     shipped_arm,
@@ -78,7 +79,7 @@ def test_engine_contact_pushes_the_probe_at_the_tip_frame():
     tip_m = world.truth().tip_position_world_m
     world.object.move_surface(tip_m[2] + 0.004)
     lever_m = [tip_m[0] - x for x in (0.0, 0.3 * np.cos(arm.home_rad[0]), tip_m[0])]
-    world.set_torque(world.inverse_dynamics(arm.home_rad, [0.0] * 3, [0.0] * 3) - 4.0 * np.array(lever_m))
+    world.set_torque(inverse_dynamics(world, arm.home_rad, [0.0] * 3, [0.0] * 3) - 4.0 * np.array(lever_m))
     world.advance_to(0.1)
     assert world.truth().force_n == pytest.approx(4.0, rel=0.02)
     assert world.truth().depth_m == pytest.approx(0.004, rel=0.02)
