@@ -195,7 +195,7 @@ class Comparison(TableDisplay):
     patterns: tuple[ErrorPattern, ...] = ()  # patterns in the parts of the error; empty if it is complete
     # Kinds whose flexible laws explain the error, the largest share first; empty if it is complete.
     kinds: tuple[BudgetEntry, ...] = ()
-    # Whether it counts as complete only because an upper bound of the noise may be all noise.
+    # Whether it counts as complete only because its whole error may be noise, which is only bounded.
     may_be_noise: bool = False
 
     @property
