@@ -395,7 +395,8 @@ class Study(ModelStudy):
         _refuse_several(["contact" if item.channel in names else item.channel for item in chosen])
         if not chosen:
             raise InputError(
-                f"{self._file}: no revision to write; add something first (palpate diagnose --apply)"
+                f"{self._file}: no revision to write, and only a contact is written without one; add an "
+                "effect to a joint first (palpate add, palpate diagnose --apply)"
             )
         return chosen
 

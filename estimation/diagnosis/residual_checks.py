@@ -309,12 +309,13 @@ def _excess(
     for problem, solution in islice(samples, _SAMPLES):
         sample = problem.blocked.reduce(held_out_residual(problem.blocked, solution))
         simulated.append(rmse(condition.residual(sample)[acting]))
-    if slow < least * max(simulated):
+    expected = float(np.median(simulated))
+    if expected == 0.0 or slow < least * max(simulated):  # equal readings do not show their noise here either
         return None
     line = _strongest_line(blocked, np.where(acting, left, np.nan))
     frequency_hz = line[0] if line and line[1] > _PEAK else None
     size = rmse(left[acting])
-    return ExcessVariance(size, float(np.median(simulated)), frequency_hz, condition.where, reference)
+    return ExcessVariance(size, expected, frequency_hz, condition.where, reference)
 
 
 def _free_air_on_blocks(blocked: BlockedData) -> FloatArray:

@@ -269,11 +269,11 @@ class Search:
         )
 
     def _fitted_from(self, solution: Solution) -> FitResult:
-        """Fit the model of a solution; fit it again if the solution is better than the known fit."""
-        known = self._fits.get(_key(solution.model))
-        if known is not None and solution.sse < (1.0 - TIE) * known.solution.sse:
+        """Fit the model of a solution; fit again if the solution is better than the fit from other starts."""
+        fit = self.fitted(solution.model, solution.parameters)
+        if solution.sse < (1.0 - TIE) * fit.solution.sse:
             return self.refitted(solution.model, solution.parameters)
-        return self.fitted(solution.model, solution.parameters)
+        return fit
 
     def extensions(self, fit: FitResult) -> list[FitResult]:
         """Fit the most promising extensions of a model by one effect, in the order of `ordered`.

@@ -48,6 +48,7 @@ class Revision(BaseModel):
     effort_unit: str  # unit of the errors
     rmse: SizedError  # held-out error
     noise_floor: SizedError  # held-out error of a complete model
+    noise_at_most: bool = False  # whether `noise_floor` is only an upper bound
     parameters: dict[str, SavedParameter]  # parameters by "effect.parameter"
     data_sha256: str  # SHA-256 of the fitted channel
     created_utc: str  # creation time

@@ -589,6 +589,7 @@ class ModelStudy(StudyFits):
         from importlib.metadata import version  # noqa: PLC0415, slow to import
 
         fit, created = self.fit(channel, effects), self._now().isoformat(timespec="seconds")
+        noise = self.noise(channel)
         return self._revisions.save(
             lambda number: Revision(
                 number=number,
@@ -601,7 +602,8 @@ class ModelStudy(StudyFits):
                 user_effects=[self._user_places[name] for name in effects if name in self._user_places],
                 effort_unit=channel.effort_unit,
                 rmse=fit.rmse,
-                noise_floor=self.noise(channel).value,
+                noise_floor=noise.value,
+                noise_at_most=noise.is_bound,
                 parameters={name: SavedParameter.of(value) for name, value in fit.parameters.items()},
                 data_sha256=channel.sha256,
                 created_utc=created,

@@ -28,6 +28,7 @@ from palpate.robot_io.errors import InputError
 from palpate.workflows.data_options import DataArguments, FolderOption, ModelOption, takes_data
 
 if TYPE_CHECKING:
+    from palpate.estimation.study.channels import StudyChannel
     from palpate.study import Study
 
 SCENARIO, FEEDFORWARD = "scenario.yaml", "feedforward.yaml"
@@ -45,7 +46,6 @@ class Format(StrEnum):
     BAM = "bam"
 
 
-_ADD = " (palpate diagnose --apply adds what is missing)"
 # Name of the file that is written by default, and endings by which other programs recognize its content.
 _FILES = {
     Format.SCENARIO: (SCENARIO, (".yaml", ".yml")),
@@ -185,10 +185,8 @@ def _export_scenario(
 ) -> _Export:
     """Write the models as a simulated world, and warn of a model that leaves more than the noise."""
     output_file(path, force=force, keep=[data.file], endings=_FILES[Format.SCENARIO][1])
-    before = len(study.revisions)
     kept = study.to_export(revisions)
-    if len(study.revisions) > before:
-        console.warn("nothing was added to the contact's model yet: the base model is exported", _ADD)
+    _warn_of_base_models(study, [study.channel_of(i) for i in kept if not i.effects and not revisions])
     for item in kept:
         try:
             comparison = study.comparison(study.channel_of(item), study.revision(item.number).effects)
@@ -243,20 +241,27 @@ def _export_joints(  # noqa: PLR0917, what was typed
     chosen = {study.revision(number).channel for number in revisions}
     joints = [item for item in study.channels if item.kind is not ChannelKind.CONTACT]
     plain = [item for item in joints if item.name not in chosen and study.newest(item) is None]
-    from palpate.estimation.diagnosis import Verdict  # noqa: PLC0415, slow to import
-
-    adequate = list[str]()
-    for item in plain:
-        with suppress(InputError):  # a damaged diagnosis, which the export does not need
-            known = study.known_diagnosis(item)
-            adequate += [item.name] * (known is not None and known.verdict is Verdict.ADEQUATE)
-    undiagnosed = [item.name for item in plain if item.name not in adequate]
-    if undiagnosed:
-        console.warn(f"no effect was added to {', '.join(undiagnosed)}: the base model is exported", _ADD)
-    if adequate:
-        console.warn(f"the diagnosis finds {', '.join(adequate)} adequate: the base model is exported")
+    _warn_of_base_models(study, plain)
     lines = [f"{what:<10} [bold]{display_path(file)}[/bold]" for what, file in files]
     return _Export(content | {"used": used, "left_out": left_out}, lines)
+
+
+def _warn_of_base_models(study: "Study", channels: Sequence["StudyChannel"]) -> None:
+    """Warn of channels to which no effect was added, and say what their diagnosis finds."""
+    from palpate.estimation.diagnosis import Verdict  # noqa: PLC0415, slow to import
+
+    for channel in channels:
+        known, advice = None, ""
+        with suppress(InputError):  # a damaged diagnosis, which the export does not need
+            known = study.known_diagnosis(channel)
+        if known is None or known.accepted:
+            finding = f"no effect was added to {channel.name}"
+            advice = " (palpate diagnose --apply adds what is missing)"
+        elif known.verdict is Verdict.ADEQUATE:
+            finding = f"the diagnosis finds {channel.name} adequate"
+        else:
+            finding = f"the diagnosis of {channel.name} names no effect to add"
+        console.warn(f"{finding}: the base model is exported", advice)
 
 
 _FORCE = "Replace the file even if palpate did not write it."

@@ -139,15 +139,21 @@ def print_revisions(console: Console, kept: Sequence[Revision]) -> None:
     errors, when = ("held-out\nerror", "× noise"), ("made",) if roomy else ()
     words = ("channel", "model") if roomy else ("model",)
     made = table("", *numbers, *words, *errors, *when, right=(*numbers, *errors))
+    least: dict[tuple[str, str, str], float] = {}
     for each in kept:
-        times = each.rmse / each.noise_floor if each.noise_floor > 0.0 else float("inf")
+        least[each.key] = min(each.rmse, least.get(each.key, each.rmse))
+    for each in kept:
+        # An upper bound of the noise is below the error of every model.
+        noise = min(each.noise_floor, least[each.key]) if each.noise_at_most else each.noise_floor
+        times = each.rmse / noise if noise > 0.0 else float("inf")
         before = "" if each.parent is None else str(each.parent)
         number = [str(each.number), before] if roomy else [f"{before} → {each.number}".removeprefix(" → ")]
         model = (" + " if roomy else "\n+ ").join(map(safe, [each.model, *each.effects]))
         last = [f"[dim]{safe(each.created_utc[:16].replace('T', ' '))}[/dim]"] if roomy else []
         words = (safe(each.channel), model) if roomy else (f"[bold]{safe(each.channel)}[/bold]\n{model}",)
         error = safe(with_unit(each.rmse, each.effort_unit, 4))
-        made.add_row(*number, *words, error, f"[{_grade(times)}]{times:.2f}[/]", *last)
+        ratio = f"[{_grade(times)}]{'≥ ' * each.noise_at_most}{times:.2f}[/]"
+        made.add_row(*number, *words, error, ratio, *last)
     console.print(made)
 
 

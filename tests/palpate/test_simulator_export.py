@@ -434,7 +434,11 @@ def test_joint_without_a_revision_gets_its_base_model_with_a_warning(swinging, t
     assert "no effect was added" not in run(*base, "--folder", folder / "study").stderr
 
 
-def test_adequate_joint_is_exported_without_advice_to_diagnose(few_effects, tmp_path):
+@pytest.mark.parametrize(
+    ("ripple_n_m", "finding"),
+    [(0.0, "the diagnosis finds joint_1 adequate"), (0.1, "the diagnosis of joint_1 names no effect to add")],
+)
+def test_diagnosed_joint_is_exported_without_advice_to_diagnose(few_effects, ripple_n_m, finding, tmp_path):
     rng, t = np.random.default_rng(4), np.tile(np.arange(0.0, 4.0, 0.02), 4)
     run_number = np.repeat(np.arange(4), 200)
     rate = np.array([1.1, 1.7, 2.6, 3.5])[run_number]
@@ -444,10 +448,11 @@ def test_adequate_joint_is_exported_without_advice_to_diagnose(few_effects, tmp_
         "acceleration_rad_s2": -0.8 * rate**2 * np.sin(rate * t),
     }
     torque = 0.05 * columns["acceleration_rad_s2"] + rng.normal(0.0, 0.01, len(t))
+    torque += ripple_n_m * np.sin(9.0 * columns["position_rad"])
     data = write_table(tmp_path / "free.csv", run=run_number, time_s=t, torque_Nm=torque, **columns)
     run("diagnose", data, "--model", "inertia", "--out", tmp_path / "study")
     said = run("export", data, "--format", "bam", "--folder", tmp_path / "study", "-o", tmp_path / "b.json")
-    assert "the diagnosis finds joint_1 adequate: the base model is exported" in said.stderr
+    assert f"{finding}: the base model is exported" in said.stderr
     assert "--apply" not in said.stderr
 
 

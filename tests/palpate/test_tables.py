@@ -74,6 +74,16 @@ def test_table_of_revisions_breaks_no_word_in_a_narrow_terminal(width):
     assert ("2026-01-02" in words) == (width >= 100)
 
 
+def test_table_of_revisions_marks_a_bound_of_the_noise_that_a_better_model_lowers():
+    kept = [
+        revision(0, 2.0, noise_at_most=True),
+        revision(1, 0.4, noise_at_most=True, parent=0, effects=["cubic_stiffness"], added="cubic_stiffness"),
+    ]
+    text = listed(kept, 120)
+    assert "≥ 5.00" in text
+    assert "≥ 1.00" in text
+
+
 @cache
 def estimates_of(path, model):
     """What all estimators find in a file, once for all widths."""

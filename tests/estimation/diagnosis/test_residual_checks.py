@@ -263,6 +263,15 @@ def test_sensor_that_reads_the_same_in_free_air_does_not_show_its_noise_there(re
     assert found.expected > 0.0
 
 
+def test_rounded_readings_that_a_model_reproduces_after_contact_are_no_excess():
+    step_n = 1.0
+    data = presses_with_long_air(white, before_s=0.3, after_s=0.3)
+    data = replace(data, effort=step_n * np.round(data.effort / step_n))
+    rounded = MODEL.with_effect(EFFECTS["quantisation"]())
+    fit = fit_model(data, rounded, {"quantisation.step": step_n, "quantisation.noise": 0.05 * step_n})
+    assert excess(data, fit) is None
+
+
 @pytest.mark.parametrize(("pull_n", "is_noise"), [(0.0, True), (0.4, False)])
 def test_pull_after_contact_is_compared_with_the_air_before_it(pull_n, is_noise):
     def adhesive(t, x, v, run):

@@ -355,6 +355,18 @@ def test_steps_hidden_by_block_means_are_fitted_from_single_readings():
     assert found == pytest.approx(step_nm, rel=1e-2)
 
 
+def test_start_of_the_coarse_copy_does_not_replace_a_better_candidate():
+    step_nm = 0.5
+    data = swings(1)
+    data = replace(data, effort=step_nm * np.round(data.effort / step_nm))
+    search = searched(data, "quantisation")
+    stepped = SWING.with_effect(EFFECTS["quantisation"]())
+    search.coarse.fitted(stepped, {"quantisation.step": step_nm / 3.0, "quantisation.noise": 0.01})
+    (candidate,) = search.screen(search.start)
+    found = search.with_candidate(candidate).solution.parameters["quantisation.step"]
+    assert found == pytest.approx(step_nm, rel=1e-2)
+
+
 def test_progress_names_each_tried_experiment():
     told, data = [], swings(1, rippling)
     search = replace(searched(data, "bias", COULOMB, RIPPLE), progress=lambda *what: told.append(what))
