@@ -88,7 +88,7 @@ def cut_presses(
             press_peaks.append(peak)
     presses = max(1, -(-len(press_peaks) // _MAX_RUNS))
     at = np.array(press_peaks, dtype=np.int64)
-    return _cut_between(force, piece, time_s, at, MIN_RUN_ROWS, presses), presses
+    return _cut_between(force, displacement, piece, time_s, at, MIN_RUN_ROWS, presses), presses
 
 
 def cut_into(  # noqa: PLR0917
@@ -115,7 +115,7 @@ def cut_into(  # noqa: PLR0917
     is_pressed = smooth_force[peaks - 1] > _force_levels(force, displacement).released
     is_press = is_pressed & (prominence > _RELEASED * np.ptp(depth))
     press_peaks = np.sort(peaks[is_press][np.argsort(prominence[is_press])[::-1][:count]]) - 1
-    run = _cut_between(force, piece, time_s, press_peaks, 1) if len(press_peaks) else piece
+    run = _cut_between(force, displacement, piece, time_s, press_peaks, 1) if len(press_peaks) else piece
     if run[-1] + 1 != count:
         presses = f"{run[-1] + 1} press{'es' if run[-1] else ''}"
         raise InputError(f"{where}: at most {presses} can be separated")
@@ -124,6 +124,7 @@ def cut_into(  # noqa: PLR0917
 
 def _cut_between(  # noqa: PLR0917
     force: FloatArray,
+    displacement: FloatArray,
     piece: IntArray,
     time_s: FloatArray,
     press_peaks: IntArray,
@@ -132,13 +133,16 @@ def _cut_between(  # noqa: PLR0917
 ) -> IntArray:
     border = np.zeros(len(force), dtype=np.int64)
     border[1:] = np.diff(piece) != 0
-    for first, second in list(pairwise(press_peaks.tolist()))[presses - 1 :: presses]:
-        if piece[first] == piece[second]:
-            stretch = force[first:second]
-            low = float(stretch.min())
-            rise = max(min(force[first], force[second]) - low, 0.0)
-            free = np.flatnonzero(stretch <= low + _MAX_AIR_RISE * rise)
-            begin, end = first + free[0], first + free[-1]
+    for peak, next_peak in list(pairwise(press_peaks.tolist()))[presses - 1 :: presses]:
+        if piece[peak] == piece[next_peak]:
+            between, depth = force[peak:next_peak], displacement[peak:next_peak]
+            low, after = float(between.min()), 0
+            rise = max(min(force[peak], force[next_peak]) - low, 0.0)
+            outside = float(np.median(between[depth <= depth.min() + _RELEASED * np.ptp(depth)]))
+            if low < outside - _MAX_AIR_RISE * rise:  # the object sticks, and pulls before it detaches
+                low, after = outside, int(np.argmin(between))
+            free = peak + after + np.flatnonzero(between[after:] <= low + _MAX_AIR_RISE * rise)
+            begin, end = free[0], free[-1]
             steps_s = np.diff(time_s[begin : end + 1])
             is_pause = len(steps_s) and steps_s.max() > 0.5 * steps_s.sum()
             border[begin + 1 + np.argmax(steps_s) if is_pause else (begin + end + 1) // 2] = 1

@@ -204,14 +204,18 @@ def lost_rows(data: ChannelData) -> str | None:
     """
     if len(data) < _MIN_SAMPLES or not is_even(data.time_s, data.run):
         return None
-    steps, typical = np.zeros(len(data)), np.zeros(len(data))
+    steps, typical, spread = np.zeros(len(data)), np.zeros(len(data)), np.zeros(len(data))
     for rows in blocks(data.run):
         if rows.stop - rows.start > 2 * _NEIGHBORS + 1:
             step = np.diff(data.position[rows])
             steps[rows.start : rows.stop - 1] = step
-            neighbors = np.median(sliding_window_view(step, 2 * _NEIGHBORS + 1), axis=1)
-            typical[rows.start + _NEIGHBORS : rows.stop - 1 - _NEIGHBORS] = neighbors
-    is_fast = np.abs(typical) > _MIN_STEP * float(np.quantile(np.abs(typical), 0.95))
+            inner = slice(rows.start + _NEIGHBORS, rows.stop - 1 - _NEIGHBORS)
+            windows = sliding_window_view(step, 2 * _NEIGHBORS + 1)
+            typical[inner] = np.median(windows, axis=1)
+            spread[inner] = np.median(np.abs(windows - typical[inner, None]), axis=1)
+    # At a reversal, steps differ although no row is lost.
+    is_steady = spread <= _MAX_SPREAD * np.abs(typical)
+    is_fast = is_steady & (np.abs(typical) > _MIN_STEP * float(np.quantile(np.abs(typical), 0.95)))
     if np.sum(is_fast) < _MIN_SAMPLES // 2:
         return None
     ratio = steps[is_fast] / typical[is_fast]

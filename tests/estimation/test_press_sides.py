@@ -215,6 +215,18 @@ def test_snapping_force_in_one_direction_is_one_press():
     assert cut_presses(200.0 * twice, twice, np.tile(one, 2), np.arange(12000.0))[0].max() == 1
 
 
+def test_cut_between_presses_of_an_object_that_sticks_is_at_the_pause():
+    depth = np.interp(np.arange(400.0), [0, 40, 120, 200, 320, 400], [-2.0, -2.0, 4.0, 4.0, -2.0, -2.0])
+    force = np.where(depth > 0.0, depth, 0.0)
+    returning = np.arange(400) > 200
+    force[returning & (depth < 1.0) & (depth > -0.5)] = -1.0  # the object pulls until it detaches
+    time_s = np.concatenate([np.arange(400.0), 2000.0 + np.arange(400.0)])
+    piece = np.zeros(800, dtype=np.int64)
+    run, presses = cut_presses(np.tile(force, 2), np.tile(depth, 2), piece, time_s)
+    assert presses == 1
+    assert np.flatnonzero(np.diff(run)) == [399]
+
+
 def test_pull_that_tears_before_zero_counts_from_its_first_force():
     x = np.linspace(-0.0246, 0.0054, 1800)
     force = np.where(x < -0.0226, 1.1e6 * (x + 0.0246), np.where(x < -0.013, 1700.0, -5.0))

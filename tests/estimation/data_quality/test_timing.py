@@ -77,6 +77,16 @@ def test_lost_rows_show_as_jumps_of_the_motion(share):
     assert told in quality_warnings(data, MODEL)
 
 
+def test_motion_that_starts_and_stops_within_few_samples_does_not_jump():
+    steps_m = 1e-4 * np.where(np.arange(3000) // 100 % 2, -0.5, 0.5)
+    start_and_stop = [0.0, 0.0, 0.05, 0.34, 0.53, 0.66, 0.7, 0.66, 0.32, 0.13, 0.05, 0.0, 0.0]
+    for begin in range(150, 3000, 200):
+        steps_m[begin : begin + len(start_and_stop)] = 1e-4 * np.array(start_and_stop)
+    data = session(3, runs=6).select(np.arange(3000))
+    data = replace(data, run=np.zeros(3000, dtype=np.int64))
+    assert lost_rows(with_motion(data, np.cumsum(steps_m), 0.02 * np.arange(3000))) is None
+
+
 def test_rows_missing_with_their_times_are_no_jumps():
     data = session(3)
     assert lost_rows(data.select(np.random.default_rng(1).random(len(data)) > 0.03)) is None
