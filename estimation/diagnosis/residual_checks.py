@@ -49,6 +49,7 @@ _MIN_REACH = 0.05  # least share of the longest run over which differences must 
 _MIN_BLOCKS = 40  # blocks needed in contact and in free air, or in motion and at rest
 _PROMINENT = 40.0  # height of a spectral line relative to the median around it; noise reaches 10
 _MAX_RUNS = 30  # largest number of runs that are fitted with separate waves
+_EXPLAINS = 1.1  # largest error with one gain of each run, relative to that of runs fitted alone
 _GAIN_OF_WAVES = 0.7  # largest error with waves fitted to each run, relative to the model's error
 _FEW = 0.05  # share of the samples with the largest errors
 _PEAKED = 0.8  # least share of the squared error in these samples that is not noise; normal noise has 0.28
@@ -105,6 +106,41 @@ def check_residuals(
         f"look like noise{swings}; no signal of the data explains it",
         "time",
     )
+
+
+def differing_parameter(fit: FitResult) -> str | None:
+    """Name the gain that differs between runs, with its range; None unless exactly one explains the error.
+
+    A gain explains it if the model leaves, with another value of this gain in each run, about the error of
+    runs that are fitted alone.
+
+    Args:
+        fit: a model without differences between runs.
+    """
+    heterogeneity = run_heterogeneity(fit.problem.blocked, fit.solution)
+    if heterogeneity is None:
+        return None
+    model, unit = fit.solution.model, fit.data.kind.effort_unit
+    slopes, effort = model.linearize(fit.problem.blocked.data, fit.solution.parameters)
+    rows = heterogeneity.own_residual != 0.0
+    run = np.unique(fit.problem.blocked.data.run[rows], return_inverse=True)[1]
+    residual = (fit.problem.blocked.data.effort - effort)[rows]
+    free = [(k, name) for k, name in enumerate(model.gains) if name not in model.held]
+    columns = np.column_stack([slopes[rows][:, [k for k, _ in free]], np.ones(len(run))])
+    explaining = list[str]()
+    for number, name in enumerate([*(name for _, name in free), ""]):
+        own = columns[:, [number]] * (run[:, None] == np.arange(run.max() + 1))
+        design = np.hstack([np.delete(columns, number, axis=1), own])
+        scale = np.linalg.norm(design, axis=0)
+        scale[scale == 0.0] = 1.0
+        gains = np.linalg.lstsq(design / scale, residual, rcond=None)[0] / scale
+        if rmse(residual - design @ gains) <= _EXPLAINS * heterogeneity.alone:
+            values = fit.solution.parameters.get(name, 0.0) + gains[-own.shape[1] :]
+            of = model.gains[name].unit_of(fit.data.kind) if name else unit
+            explaining.append(
+                f"{name or 'the zero'} ({np.min(values):.3g} to {with_unit(np.max(values), of)})"
+            )
+    return explaining[0] if len(explaining) == 1 else None
 
 
 def _error_with_own_waves(end: FitResult) -> float | None:

@@ -38,7 +38,11 @@ from palpate.estimation.diagnosis.forms import (
     closest_forms,
     replacing_kinds,
 )
-from palpate.estimation.diagnosis.residual_checks import ResidualFinding, periodic_component
+from palpate.estimation.diagnosis.residual_checks import (
+    ResidualFinding,
+    differing_parameter,
+    periodic_component,
+)
 from palpate.estimation.diagnosis.result import (
     AcceptedEffect,
     BudgetRest,
@@ -322,12 +326,25 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
         complete=evidence.complete,
         remaining=RemainingError(rmse=last.rmse, times_floor=times, depends_on=evidence.signals),
         depends_on=evidence.signals,
+        differs_between_runs=_differing_parameter(evidence),
         next_experiment=following,
     )
     added = [entry.effect for entry in accepted]
     chains = {tuple(added[:count]): fit for count, fit in enumerate(evidence.stages)}
     alone = {(name,): fit for name, fit in evidence.single_effects.items()}
     return diagnosis.with_fits({chain: fit for chain, fit in (alone | chains).items() if chain}, noise)
+
+
+def _differing_parameter(evidence: Evidence) -> str:
+    """Describe the only parameter that differs between runs, if runs differ; empty otherwise."""
+    search, end = evidence.search, evidence.end
+    effects = end.solution.model.effects
+    varying = [effect.name for effect in effects if isinstance(effect, RunVariation)]
+    if not varying and evidence.signals != ["run"]:
+        return ""
+    for name in varying:
+        end = search.without(end, name)
+    return differing_parameter(end) or ""
 
 
 def _budget(evidence: Evidence) -> tuple[list[BudgetShare], BudgetRest]:

@@ -29,8 +29,10 @@ def diagnosis_verdict(diagnosis: ChannelDiagnosis) -> VerdictView:
     names = tuple(entry.effect for entry in diagnosis.accepted)
     has_reason = diagnosis.complete and "; " in diagnosis.reason
     is_explained = diagnosis.verdict is not Verdict.UNEXPLAINED
-    remarks = () if is_explained and not has_reason else (f"Why: {_with_period(diagnosis.reason)}",)
-    return VerdictView(str(diagnosis.verdict), _sentence(diagnosis), remarks, names)
+    remarks = [] if is_explained and not has_reason else [f"Why: {_with_period(diagnosis.reason)}"]
+    if differs := diagnosis.differs_between_runs:
+        remarks.append(f"Only {differs} needs a different value in each run to explain the differences.")
+    return VerdictView(str(diagnosis.verdict), _sentence(diagnosis), tuple(remarks), names)
 
 
 def _sentence(diagnosis: ChannelDiagnosis) -> str:

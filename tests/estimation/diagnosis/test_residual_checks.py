@@ -17,6 +17,7 @@ from palpate.estimation.diagnosis.residual_checks import (
     ExcessVariance,
     _without_outliers,
     check_residuals,
+    differing_parameter,
     exceeds_noise,
     find_rare_events,
 )
@@ -217,6 +218,29 @@ def test_each_run_is_compared_with_the_others_and_itself():
 def test_runs_disagree_where_separate_fits_leave_clearly_less(gains, lengths, disagree):
     blocked, solution = of_runs(gains, lengths, noise=0.3)
     assert (run_heterogeneity(blocked, solution) is not None) is disagree
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "damping", "told"),
+    [
+        ([800.0, 800.0, 800.0], [20.0, 20.0, 20.0], None),
+        ([800.0, 800.0, 800.0], [20.0, 50.0, 35.0], ("damping.c", 20.0, 50.0, "N s/m")),
+        ([800.0, 1000.0, 900.0], [20.0, 20.0, 20.0], ("stiffness.k", 800.0, 1000.0, "N/m")),
+        ([800.0, 1000.0, 900.0], [20.0, 50.0, 35.0], None),  # both differ
+    ],
+)
+def test_parameter_that_differs_between_runs_is_named_with_its_range(stiffness, damping, told):
+    def law(t, x, v, run):
+        force = np.array(stiffness)[run] * x + np.array(damping)[run] * v
+        return np.where(x > 0.0, np.maximum(force, 0.0), 0.0)
+
+    named = differing_parameter(fit_model(session(6, law, runs=3), MODEL, {}))
+    if told is None:
+        assert named is None
+    else:
+        name, least, _, largest, unit = named.replace("(", "").removesuffix(")").split(maxsplit=4)
+        assert (name, unit) == (told[0], told[3])
+        assert (float(least), float(largest)) == pytest.approx(told[1:3], rel=0.05)
 
 
 @pytest.mark.parametrize(("memory", "chosen", "share"), [(0.0, 1.0, 0.0), (0.8, 1.0, 0.8), (0.8, 0.5, 0.8)])
