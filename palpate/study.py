@@ -32,10 +32,9 @@ from palpate.robot_io.files.urdf_text import last_link, parse_urdf
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-    from palpate.export.feedforward import Feedforward, FittedJoint
     from palpate.export.scenario import Export
     from palpate.export.simulator import WrittenModels
-    from palpate.export.target_terms import SimulatorFormat
+    from palpate.export.target_terms import FittedJoint, SimulatorFormat
     from palpate.sim_backend.scenario import Scenario
 
 TIP_FRAME = "tip"
@@ -229,7 +228,7 @@ class Study(ModelStudy):
         write_text(place, made.scenario.to_yaml())
         return made
 
-    def export_feedforward(self, path: Path | str, revisions: int | Sequence[int] = ()) -> "Feedforward":
+    def export_feedforward(self, path: Path | str, revisions: int | Sequence[int] = ()) -> "WrittenModels":
         """Write the joints' feedforward as a table (YAML), with functions in Python and C beside it.
 
         Args:
@@ -241,14 +240,11 @@ class Study(ModelStudy):
             InputError: no channel is a joint, a revision is not of a joint or is of other data, several are
                 of one joint, or a file cannot be written.
         """
-        from palpate.export.feedforward import make_feedforward  # noqa: PLC0415, only here
+        from palpate.export.feedforward import write_feedforward  # noqa: PLC0415, only here
 
         place = _path(path, "feedforward")
         fitted, failures = self._fitted_joints(revisions, "a feedforward")
-        made = make_feedforward(fitted)
-        made = replace(made, left_out=(*made.left_out, *failures))
-        made.write(place, self.source.name)
-        return made
+        return write_feedforward(place, fitted, failures, self.source.name)
 
     def export_simulator(
         self,
@@ -318,7 +314,7 @@ class Study(ModelStudy):
                 )
         _refuse_several([revision.channel for revision in given])
         chosen |= {revision.channel: revision for revision in given}
-        from palpate.export.feedforward import FittedJoint  # noqa: PLC0415, only for exports
+        from palpate.export.target_terms import FittedJoint  # noqa: PLC0415, only for exports
 
         fitted, failures = list[FittedJoint](), list[str]()
         for name, joint in joints.items():

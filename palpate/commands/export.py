@@ -229,21 +229,19 @@ def _export_joints(  # noqa: PLR0917, what was typed
         files = [("table", path), ("python", path.with_suffix(".py")), ("c", path.with_suffix(".c"))]
         for _, file in files:
             output_file(file, force=force, keep=[data.file])
-        made = study.export_feedforward(path, list(revisions))
+        written = study.export_feedforward(path, list(revisions))
         content = {name: str(file) for name, file in files}
-        used, left_out = made.used, made.left_out
     else:
         output_file(path, force=force, keep=[data.file], endings=_FILES[form][1])
         written = study.export_simulator(path, form.value, patch, list(revisions), servo_gain_nm_rad)
         files = [(form.value, file) for file in written.files]
         content = {"format": form.value, "files": [str(file) for file in written.files]}
-        used, left_out = written.used, written.left_out
     chosen = {study.revision(number).channel for number in revisions}
     joints = [item for item in study.channels if item.kind is not ChannelKind.CONTACT]
     plain = [item for item in joints if item.name not in chosen and study.newest(item) is None]
     _warn_of_base_models(study, plain)
     lines = [f"{what:<10} [bold]{display_path(file)}[/bold]" for what, file in files]
-    return _Export(content | {"used": used, "left_out": left_out}, lines)
+    return _Export(content | {"used": written.used, "left_out": written.left_out}, lines)
 
 
 def _warn_of_base_models(study: "Study", channels: Sequence["StudyChannel"]) -> None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from math import atan2, hypot
 
 from palpate.estimation.channel import Surface
-from palpate.export.feedforward import mean_of_directions
+from palpate.export.target_terms import mean_of_directions
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import validate
 from palpate.sim_backend.imperfection import Imperfection, parse_imperfection

@@ -11,8 +11,7 @@ import numpy as np
 from palpate.common.files import output_file, write_text
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.estimation.study import Arm
-from palpate.export.feedforward import FittedJoint, as_comment
-from palpate.export.target_terms import SimulatorFormat, TargetArm, express
+from palpate.export.target_terms import TABLE, FittedJoint, SimulatorFormat, TargetArm, as_comment, express
 from palpate.export.xml_model import Mounting, patch_mjcf, patch_urdf
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import read_text
@@ -122,7 +121,7 @@ def write_simulator(
     if mounted.urdf:
         body = RigidBody.from_urdf(mounted.urdf, mounted.tip_frame, origin=mounted.origin)
     names = () if body is None else body.joint_names
-    arm = express(joints, target, source, names, mounted.rotor_inertia_kg_m2)
+    arm = express(joints, TABLE[target], source, names, mounted.rotor_inertia_kg_m2)
     arm = replace(arm, left_out=(*arm.left_out, *failures))
     used = [f"{joint.channel} '{joint.name}': {line}" for joint in arm.joints for line in joint.lines()]
     texts: dict[Path, str]

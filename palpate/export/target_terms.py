@@ -1,12 +1,16 @@
-"""Table of how each simulator format represents each effect of a joint, or why it cannot."""
+"""How each format of fitted joints represents each effect, or why it cannot."""
 
+import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from math import isfinite
 
+from palpate.estimation.channel import ChannelKind
+from palpate.estimation.effects import EFFECTS
 from palpate.estimation.estimate import ParameterEstimate
-from palpate.export.feedforward import SYMMETRIC, FittedJoint, mean_of_directions, reason_left_out
+from palpate.estimation.fit.fit_result import FitResult
+from palpate.estimation.kinds import Kind
 
 
 class SimulatorFormat(StrEnum):
@@ -27,11 +31,18 @@ class TargetTerm:
 
     values: Callable[[FitSummary], Mapping[str, float]]  # the target's values by name; those of effects add
     lost: str = ""  # what of the effect the target does not express
-    units: Mapping[str, str] = field(default_factory=dict)  # limited to these parameters
 
 
-def _named(lost: str = "", **names: str) -> TargetTerm:
-    """Make values from fitted parameters: target's name = fitted name."""
+Terms = Mapping[str, TargetTerm | str]  # by effect; a text says why the target has no term
+
+
+def named(lost: str = "", **names: str) -> TargetTerm:
+    """Make values from fitted parameters.
+
+    Args:
+        lost: what of the effect the target does not express.
+        names: target's name = fitted name.
+    """
     return TargetTerm(lambda p: {key: p[name] for key, name in names.items()}, lost)
 
 
@@ -39,29 +50,43 @@ _ONE_LEVEL = "dry friction has one level at all speeds: the rise at low speed is
 _AT_ONCE = "dry friction changes sign at once: the path over which it builds up is left out"
 _NO_PLACE = "dry friction has one level everywhere: its variation with position is left out"
 _OF_BODIES = "includes everything the joint carries: set masses and inertias of the bodies by hand"
-_NO_BIAS = "may be a constant effort or the sensor's zero, which the motion cannot distinguish"
 _NO_LOAD = "is left out: the target has no friction that grows with the load"
 _LATE = "delays the reading; if it is negative, the motion is late: set a delay of the action by hand"
 _GAIN = "scales the torque reading: on the real joint, divide the reading by this gain"
 
-# Reasons for every target; `TABLE` takes precedence.
-REASONS: Mapping[str, str] = {
-    "bias": _NO_BIAS,
+TILT_OF_ARM = "gravity_tilt of an arm"  # its parameters are angles; those of a pendulum are torques
+SYMMETRIC = "friction is the same in both directions: their mean is exported"
+# Reasons for every target; its own terms take precedence.
+_REASONS: Mapping[str, str] = {
+    "bias": "may be a constant effort or the sensor's zero, which the motion cannot distinguish",
     "gravity_tilt": "is the weight of a single pendulum: to get a tilt angle, fit with the arm's URDF",
     "inertia": _OF_BODIES,
     "pendulum": _OF_BODIES,
+    "rigid_body": "",  # stated in the arm's own file
     "rigid_body_fitted": _OF_BODIES,
     "weight": _OF_BODIES,
 }
-SILENT = frozenset({"rigid_body"})  # stated in the arm's own file
-_TILT = dict.fromkeys(("tilt", "pitch", "roll"), "rad")
+_OF_READING = {Kind.SENSOR_DYNAMICS, Kind.SENSOR_STATICS, Kind.DRIFT}
+_SHAPES = {"speed", "transition"}  # where friction changes, not how large it is
+
+
+def mean_of_directions(friction: Mapping[str, float]) -> tuple[float, float]:
+    """Return dry and viscous part of `asymmetric_friction` for a format that has one of each.
+
+    Args:
+        friction: fitted parameters of the effect, by their own names.
+    """
+    return (
+        0.5 * (friction["forward"] + friction["backward"]),
+        0.5 * (friction["viscous_forward"] + friction["viscous_backward"]),
+    )
 
 
 def _friction(dry: Sequence[str], viscous: str) -> dict[str, TargetTerm | str]:
     """Return the terms of dry and viscous friction for a target with these names for their levels."""
 
     def level(fitted: str, lost: str = "") -> TargetTerm:
-        return _named(lost, **dict.fromkeys(dry, fitted))
+        return named(lost, **dict.fromkeys(dry, fitted))
 
     return {
         "asymmetric_friction": TargetTerm(
@@ -72,32 +97,32 @@ def _friction(dry: Sequence[str], viscous: str) -> dict[str, TargetTerm | str]:
             SYMMETRIC,
         ),
         "coulomb_friction": level("force"),
-        "damping": _named(**{viscous: "c"}),
+        "damping": named(**{viscous: "c"}),
         "position_dependent_friction": level("level", _NO_PLACE),
         "presliding_friction": level("force", _AT_ONCE),
         "stribeck_friction": level("coulomb", _ONE_LEVEL),
-        "viscous_friction": _named(**{viscous: "d"}),
+        "viscous_friction": named(**{viscous: "d"}),
     }
 
 
 _NO_LOADS = dict.fromkeys(("load_dependent_friction", "load_dependent_presliding"), _NO_LOAD)
-TABLE: Mapping[SimulatorFormat, Mapping[str, TargetTerm | str]] = {
+TABLE: Mapping[SimulatorFormat, Terms] = {
     SimulatorFormat.MJCF: {
         **_friction(("frictionloss",), "damping"),
         **_NO_LOADS,
-        "armature": _named(armature="inertia"),
-        "backlash": _named("the motor's share of inertia and friction stays with the first joint", gap="gap"),
-        "cubic_stiffness": _named(cubic="k3"),
+        "armature": named(armature="inertia"),
+        "backlash": named("the motor's share of inertia and friction stays with the first joint", gap="gap"),
+        "cubic_stiffness": named(cubic="k3"),
         "delay": TargetTerm(
             lambda p: {"sensor_delay_s": p["time"]} if p["time"] > 0.0 else {},
             "if it is negative, the motion is late: set a delay of the actuator by hand",
         ),
-        "gravity_tilt": TargetTerm(lambda p: {f"{key}_rad": angle for key, angle in p.items()}, units=_TILT),
+        TILT_OF_ARM: TargetTerm(lambda p: {f"{key}_rad": angle for key, angle in p.items()}),
         "joint_elasticity": "needs a second body behind a spring",
-        "joint_spring": _named(stiffness="k", preload="preload"),
-        "payload": _named(payload_kg="mass"),
-        "quadratic_friction": _named(damping_quadratic="d2"),
-        "stiffness": _named(stiffness="k"),
+        "joint_spring": named(stiffness="k", preload="preload"),
+        "payload": named(payload_kg="mass"),
+        "quadratic_friction": named(damping_quadratic="d2"),
+        "stiffness": named(stiffness="k"),
         "torque_gain": TargetTerm(lambda p: {"gear": 1.0 / p["gain"]}),
         "torque_ripple": "only a <dcmotor> has cogging",
     },
@@ -105,17 +130,17 @@ TABLE: Mapping[SimulatorFormat, Mapping[str, TargetTerm | str]] = {
         **_friction(("friction",), "damping"),
         **_NO_LOADS,
         "armature": "a URDF has no inertia of a rotor",
-        "gravity_tilt": "a URDF has no gravity: tilt the base where the arm is placed in the world",
-        "payload": _named(payload_kg="mass"),
+        TILT_OF_ARM: "a URDF has no gravity: tilt the base where the arm is placed in the world",
+        "payload": named(payload_kg="mass"),
         "torque_gain": _GAIN,
     },
     SimulatorFormat.ISAACLAB: {
         **_friction(("friction", "dynamic_friction"), "viscous_friction"),
         **_NO_LOADS,
-        "armature": _named(armature="inertia"),
+        "armature": named(armature="inertia"),
         "backlash": "needs a second joint in the USD",
         "delay": _LATE,
-        "gravity_tilt": "is set in the scene: SimulationCfg(gravity=...)",
+        TILT_OF_ARM: "is set in the scene: SimulationCfg(gravity=...)",
         "payload": "is a mass of the USD: add a rigid body at the tip, or randomize_rigid_body_mass",
         "stribeck_friction": TargetTerm(
             lambda p: {
@@ -128,7 +153,7 @@ TABLE: Mapping[SimulatorFormat, Mapping[str, TargetTerm | str]] = {
     },
     SimulatorFormat.BAM: {
         **_friction(("friction_base",), "friction_viscous"),
-        "armature": _named(armature="inertia"),
+        "armature": named(armature="inertia"),
         "delay": _LATE,
         # BAM's load is the difference of motor and external torque, twice the load of a joint in balance
         "load_dependent_friction": TargetTerm(lambda p: {"load_friction_base": 0.5 * p["mu"]}),
@@ -144,7 +169,48 @@ TABLE: Mapping[SimulatorFormat, Mapping[str, TargetTerm | str]] = {
         "torque_gain": _GAIN,
     },
 }
+# Frictions that no simulator accepts below zero.
+_PASSIVE = {"damping", "friction_viscous", "viscous_friction"} | {
+    *("dynamic_friction", "friction", "friction_base", "frictionloss"),
+}
 OF_ARM = frozenset({"tilt_rad", "pitch_rad", "roll_rad", "payload_kg"})  # values of the whole arm
+
+
+@dataclass(frozen=True)
+class FittedJoint:
+    """The fitted model of one joint."""
+
+    name: str  # name of the channel, such as "joint_2"
+    model: str  # base model and added effects
+    kind: ChannelKind
+    effort_unit: str
+    fit: FitResult
+    # Torque per goal error of a position servo [N m/rad]; None keeps its parameters in rad of goal error.
+    servo_gain_nm_rad: float | None = None
+
+    @property
+    def number(self) -> int:
+        """Number of the joint, from 1."""
+        return int(self.name.removeprefix("joint_"))
+
+    @property
+    def by_effect(self) -> dict[str, dict[str, ParameterEstimate]]:
+        """Fitted parameters by effect and own name; empty for effects with known parameters."""
+        effects: dict[str, dict[str, ParameterEstimate]] = {
+            effect.name: {} for effect in self.fit.model.effects
+        }
+        stated_parameters = {**self.fit.model.gains, **self.fit.model.inner}
+        for name, parameter in self.fit.parameters.items():
+            effect, _, own = name.partition(".")
+            if (gain := self.servo_gain_nm_rad) is not None:  # from units of the goal error to N m and kg m^2
+                stated = stated_parameters[name]
+                parameter = replace(parameter, unit=stated.unit_of(ChannelKind.REVOLUTE))  # noqa: PLW2901
+                if "{effort}" in stated.unit or "{inertia}" in stated.unit:
+                    low, high = (gain * end for end in parameter.interval)
+                    value, std_err = gain * parameter.value, gain * parameter.std_err
+                    parameter = replace(parameter, value=value, std_err=std_err, interval=(low, high))  # noqa: PLW2901
+            effects.setdefault(effect, {})[own] = parameter
+        return effects
 
 
 @dataclass(frozen=True)
@@ -189,16 +255,16 @@ class TargetArm:
 
 def express(
     joints: Sequence[FittedJoint],
-    target: SimulatorFormat,
+    terms: Terms,
     source: str,
     names: Sequence[str] = (),
     rotors: Sequence[float] = (),
 ) -> TargetArm:
-    """Look up in `TABLE` what a target can express of fitted joints.
+    """Look up what a target can express of fitted joints.
 
     Args:
         joints: with their fits.
-        target: the simulator.
+        terms: those of the target, such as one of `TABLE`.
         source: description of the measurement.
         names: names of all joints of the arm in its file, from the base outwards; empty if unknown.
         rotors: inertia [kg m^2] of each joint's rotor that is in the base model; empty for none.
@@ -209,16 +275,15 @@ def express(
         own: dict[str, TermValue] = {}
         lost = list[str]()
         rotor = rotors[joint.number - 1] if joint.number <= len(rotors) else 0.0
-        if rotor and isinstance(TABLE[target].get("armature"), TargetTerm):
+        if rotor and isinstance(terms.get("armature"), TargetTerm):
             own["armature"] = TermValue(rotor, (f"rotor of the robot file {rotor:.5g} kg m^2",))
         for effect, parameters in joint.by_effect.items():
-            term = TABLE[target].get(effect, reason_left_out(effect, REASONS, "file"))
+            is_tilt = effect == "gravity_tilt" and {each.unit for each in parameters.values()} == {"rad"}
+            key = TILT_OF_ARM if is_tilt else effect
+            term = terms[key] if key in terms else _reason_left_out(effect)
             fitted = tuple(f"{effect}.{name} {_shown(each)}" for name, each in parameters.items())
-            units = {} if isinstance(term, str) else term.units
-            if isinstance(term, str) or any(units.get(p, e.unit) != e.unit for p, e in parameters.items()):
-                if effect not in SILENT:
-                    reason = term if isinstance(term, str) else REASONS[effect]
-                    lost.append("; ".join([f"'{effect}' {reason}", *fitted]))
+            if isinstance(term, str):
+                lost += ["; ".join([f"'{effect}' {term}", *fitted])] * bool(term)
                 continue
             numbers = term.values({name: each.value for name, each in parameters.items()})
             for key, number in numbers.items():
@@ -235,13 +300,14 @@ def express(
                     arm[key] = (rank, TermValue(number, fitted), joint.name)
             if term.lost:
                 lost.append(f"'{effect}': {term.lost}")
-            lost += [
-                f"{effect}.{name} {_shown(each)} is exported, but its interval includes zero"
-                for name, each in parameters.items()
-                if each.interval[0] <= 0.0 <= each.interval[1]
-            ]
+            for name, each in parameters.items():
+                low, high = each.interval
+                is_known = isfinite(low) and isfinite(high)
+                if name not in _SHAPES and not (is_known and (low > 0.0 or high < 0.0)):
+                    doubt = "its interval includes zero" if is_known else "the data do not determine it alone"
+                    lost.append(f"{effect}.{name} {_shown(each)} is exported, but {doubt}")
         if "asymmetric_friction" in joint.by_effect:  # its viscous part alone may be negative
-            own = {key: replace(value, number=max(value.number, 0.0)) for key, value in own.items()}
+            own |= {key: replace(own[key], number=max(own[key].number, 0.0)) for key in own.keys() & _PASSIVE}
         name = names[joint.number - 1] if joint.number <= len(names) else joint.name
         targets.append(TargetJoint(joint.name, name, own, tuple(lost)))
         left_out += [f"{joint.name}: {line}" for line in lost]
@@ -249,7 +315,31 @@ def express(
     return TargetArm(source, tuple(targets), whole, tuple(left_out))
 
 
+def _reason_left_out(effect: str) -> str:
+    """Say why a target has no term for an effect; empty if nothing is missing."""
+    if effect in _REASONS:
+        return _REASONS[effect]
+    if effect not in EFFECTS:
+        return "is your own effect, for which the file has no term"
+    kind = EFFECTS[effect].kind
+    if kind in _OF_READING:
+        return "is an error of the reading, not of the joint"
+    if kind is Kind.RUN_DIFFERENCES:
+        return "differs from run to run"
+    return f"has no term in the file ({EFFECTS[effect].equation})"
+
+
 def _shown(parameter: ParameterEstimate) -> str:
     low, high = parameter.interval
     known = f"95 %: {low:.4g} to {high:.4g}" if isfinite(low) and isfinite(high) else "no interval"
     return f"{parameter.value:.5g} {parameter.unit} ({known})"
+
+
+def as_comment(text: str) -> str:
+    """Make text one line that cannot end a comment of XML, Python or C, or a docstring.
+
+    Args:
+        text: any text, such as the name of a file.
+    """
+    plain = json.dumps(text, ensure_ascii=True)[1:-1].replace("\\", "/")
+    return plain.replace('/"', "'").replace("--", "- -").replace("*/", "* /")

@@ -9,8 +9,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from palpate.export.feedforward import as_comment
-from palpate.export.target_terms import TargetArm, TargetJoint, TermValue
+from palpate.export.target_terms import TargetArm, TargetJoint, TermValue, as_comment
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.urdf_text import parse_xml
 from palpate.robot_io.types import FloatArray

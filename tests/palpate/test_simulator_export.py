@@ -15,8 +15,16 @@ from benchmarks.simulator_round_trip import CASES, NOISE_NM, URDF, round_trip
 from palpate import Study
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.estimate import ParameterEstimate
-from palpate.export.feedforward import make_feedforward
-from palpate.export.target_terms import TABLE, SimulatorFormat, TargetArm, TargetJoint, TermValue, express
+from palpate.export.feedforward import TERMS
+from palpate.export.target_terms import (
+    TABLE,
+    TILT_OF_ARM,
+    SimulatorFormat,
+    TargetArm,
+    TargetJoint,
+    TermValue,
+    express,
+)
 from palpate.export.xml_model import Mounting, patch_mjcf, patch_urdf
 from palpate.robot_io.calibration.applied import gravity_base_m_s2
 from palpate.robot_io.errors import InputError
@@ -135,10 +143,10 @@ def test_both_angles_of_a_tilt_are_those_of_the_most_certain_joint():
         return SimpleNamespace(name=f"joint_{number}", number=number, by_effect={"gravity_tilt": tilt})
 
     joints = [joint(1, 0.11, 0.02), joint(2, 0.1, 0.001)]
-    found = express(joints, SimulatorFormat.MJCF, "swing.csv")
+    found = express(joints, TABLE[SimulatorFormat.MJCF], "swing.csv")
     assert {key: each.number for key, each in found.arm.items()} == {"pitch_rad": 0.1, "roll_rad": 0.2}
     assert sum("smallest interval" in line for line in found.left_out) == 1
-    assert "inverse dynamics" in make_feedforward(joints).left_out[0]
+    assert "inverse dynamics" in express(joints, TERMS, "swing.csv").left_out[0]
 
 
 @pytest.mark.parametrize("base", [6.3, 9.5])
@@ -161,13 +169,14 @@ def test_viscosity_is_the_same_in_all_formats_however_the_fit_splits_it(base):
         (SimulatorFormat.ISAACLAB, "dynamic_friction", "viscous_friction"),
         (SimulatorFormat.BAM, "friction_base", "friction_viscous"),
     ):
-        values = express([joint], target, "axis.csv").joints[0].values
+        values = express([joint], TABLE[target], "axis.csv").joints[0].values
         assert [values[key].number for key in (dry, viscous)] == pytest.approx([5.0, 8.0])
-    made = make_feedforward([joint])
-    terms = made.terms[0]
-    assert (terms.coulomb_level, terms.viscous, terms.coulomb_transition) == pytest.approx((5.0, 8.0, 0.1))
+    made = express([joint], TERMS, "axis.csv")
+    values = made.joints[0].values
+    names = ("coulomb_level", "viscous", "coulomb_transition")
+    assert [values[name].number for name in names] == pytest.approx((5.0, 8.0, 0.1))
     assert any("do not determine it alone" in line for line in made.left_out)
-    assert not any("interval" in line for line in made.left_out)
+    assert not any("includes zero" in line for line in made.left_out)
 
 
 def test_gap_lets_the_link_move_freely_within_it():
@@ -235,7 +244,7 @@ def test_urdf_gets_mujoco_settings_and_every_table_effect_is_in_the_library():
     before, after = (mujoco.MjModel.from_xml_string(text) for text in (URDF, result.text))
     assert (after.dof_damping[1], after.dof_frictionloss[1]) == (0.2, 0.3)
     assert np.sum(after.body_mass) - np.sum(before.body_mass) == pytest.approx(0.4)
-    assert {effect for terms in TABLE.values() for effect in terms} <= set(EFFECTS)
+    assert {effect for terms in (*TABLE.values(), TERMS) for effect in terms} <= {*EFFECTS, TILT_OF_ARM}
     assert set(TABLE) == set(SimulatorFormat)
 
 
