@@ -385,7 +385,11 @@ def _read_zip(path: Path, selected: str) -> FileColumns:
     Each file is unpacked under a name of its own, never under its path in the archive.
     """
     with zipfile.ZipFile(path) as archive, tempfile.TemporaryDirectory() as folder:
-        members = [entry for entry in archive.infolist() if _is_data(entry.filename)]
+        members = list[zipfile.ZipInfo]()
+        for entry in archive.infolist():
+            place = PurePosixPath(entry.filename.lower().removesuffix(".gz"))
+            is_hidden = any(part.startswith((".", "__")) for part in place.parts)  # "__": made by macOS
+            members += [entry] * (place.suffix in _UNPACKED and not is_hidden)
         if len(members) > _MAX_MEMBERS:
             raise InputError(f"{path}: holds {len(members)} files; at most {_MAX_MEMBERS} are read")
         check_size(path, sum(entry.file_size for entry in members))
@@ -423,12 +427,6 @@ def _read_zip(path: Path, selected: str) -> FileColumns:
     notes += [f"{len(faults)} files not read, the first: {faults[0]}"] if faults else []
     columns = pa.concat_tables(parts, promote_options="permissive")
     return FileColumns(columns, first.decimal, (*notes, *first.notes))
-
-
-def _is_data(name: str) -> bool:
-    """Return whether a file in an archive is a data file, and neither hidden nor made by macOS."""
-    place = PurePosixPath(name.lower().removesuffix(".gz"))
-    return place.suffix in _UNPACKED and not any(part.startswith((".", "__")) for part in place.parts)
 
 
 _ros_bag = LazyModule("palpate.estimation.data.ros_bag")

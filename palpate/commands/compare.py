@@ -15,7 +15,6 @@ from palpate.common.options import JsonOption, model_names
 from palpate.estimation.estimate import with_unit
 from palpate.estimation.study import ChannelResult
 from palpate.estimation.study.channels import ALL_CHANNELS
-from palpate.estimation.study.comparison import Comparison
 from palpate.estimation.study.other_models import far_better_model
 from palpate.estimation.study.paired_comparison import ComparedModel, Extended, compare_pairs
 from palpate.estimation.study.revisions import Revision, user_effects_of
@@ -128,7 +127,23 @@ def compare_command(
 
     @cache
     def content() -> dict[str, Any]:  # intervals of parameters take long, and the terminal shows none
-        channels = [_as_data(comparison) for comparison in compared]
+        channels = [
+            {
+                **{name: getattr(comparison, name) for name in ("channel", "model", "effort_unit", "rmse")},
+                "noise_floor": comparison.noise.value,
+                "noise_source": comparison.noise.source,
+                "noise_at_most": comparison.noise.is_bound,
+                "lack_of_fit": comparison.lack_of_fit,
+                "fits": comparison.fits,
+                "parameters": {name: parameter.value for name, parameter in comparison.parameters.items()},
+                "parts": {by: list(map(vars, parts)) for by, parts in comparison.parts.items()},
+                "words": list(comparison.words),
+                "patterns": list(map(vars, comparison.patterns)),
+                "kinds": list(map(vars, comparison.kinds)),
+                "not_judged": comparison.exclusion_note,
+            }
+            for comparison in compared
+        ]
         return {"file": str(data.file), "model": models, "channels": channels, "failures": failures}
 
     if as_json:
@@ -154,24 +169,6 @@ def compare_command(
         stages = (f"palpate revisions {data.command_text(folder=folder)}", "all stages")
         first = [stages] if saved_revisions else _next_steps(data, study, results, model, channel, folder)
         console.next_steps(*first, zoom)
-
-
-def _as_data(comparison: Comparison) -> dict[str, Any]:
-    """Return the comparison of one channel as plain data; the keys are stable."""
-    return {
-        **{name: getattr(comparison, name) for name in ("channel", "model", "effort_unit", "rmse")},
-        "noise_floor": comparison.noise.value,
-        "noise_source": comparison.noise.source,
-        "noise_at_most": comparison.noise.is_bound,
-        "lack_of_fit": comparison.lack_of_fit,
-        "fits": comparison.fits,
-        "parameters": {name: parameter.value for name, parameter in comparison.parameters.items()},
-        "parts": {by: list(map(vars, parts)) for by, parts in comparison.parts.items()},
-        "words": list(comparison.words),
-        "patterns": list(map(vars, comparison.patterns)),
-        "kinds": list(map(vars, comparison.kinds)),
-        "not_judged": comparison.exclusion_note,
-    }
 
 
 def _compare_pair(  # noqa: PLR0917, what was typed

@@ -47,17 +47,13 @@ class ColumnGuess:
         Args:
             quantity: quantity, such as force; empty if the column is not used.
         """
-        known = units_of(quantity)
+        known = _units_of(quantity)
         self.unit = next((unit for unit in (self.unit, self.stated) if unit in known), "")
         self.quantity = quantity
 
 
-def suggest_columns(table: Table) -> list[ColumnGuess]:
-    """Propose the roles of the numeric columns: those that are read without options, or else by their names.
-
-    Args:
-        table: table of the file.
-    """
+def _suggest_columns(table: Table) -> list[ColumnGuess]:
+    """Propose roles of the numeric columns: those that are read without options, or else by their names."""
     guesses = guess_columns(table.names, clocks_of(table.columns))
     proposed = dict[str, tuple[str, str]]()
     with suppress(InputError):  # the form lets the user resolve what the names leave open
@@ -72,7 +68,7 @@ def suggest_columns(table: Table) -> list[ColumnGuess]:
             quantity, unit = proposed.get(each.column, ("", ""))
             values = ", ".join(f"{value:.4g}" for value in table.head(_SHOWN).numbers(each.column))
             why = each.why if unit or not quantity else f"{each.why}; unit not stated"
-            known = unit if unit in units_of(quantity) else ""  # none with a factor, as in "[0.1 N]"
+            known = unit if unit in _units_of(quantity) else ""  # none with a factor, as in "[0.1 N]"
             columns.append(ColumnGuess(each.column, quantity, known, why, values, each.unit))
     if not any(column.quantity == "time" for column in columns):
         for column in columns:
@@ -82,12 +78,8 @@ def suggest_columns(table: Table) -> list[ColumnGuess]:
     return columns
 
 
-def options_of(columns: Sequence[ColumnGuess]) -> ImportOptions:
-    """Return the import options for these roles; raise `InputError` if two columns have the same role.
-
-    Args:
-        columns: columns of the file, with the roles that the user chose.
-    """
+def _options_of(columns: Sequence[ColumnGuess]) -> ImportOptions:
+    """Return the import options for these roles; raise `InputError` if two columns have the same role."""
     used = [column for column in columns if column.quantity]
     names = [column.quantity for column in used]
     if twice := sorted({name for name in names if names.count(name) > 1}):
@@ -96,12 +88,8 @@ def options_of(columns: Sequence[ColumnGuess]) -> ImportOptions:
     return ImportOptions(columns={column.quantity: column.name for column in used}, units=units)
 
 
-def units_of(quantity: str) -> list[str]:
-    """Return the units that a quantity may have.
-
-    Args:
-        quantity: quantity, such as force or position_2.
-    """
+def _units_of(quantity: str) -> list[str]:
+    """Return the units that a quantity, such as force or position_2, may have."""
     return [
         unit for dimension in QUANTITIES.get(re.sub(r"_\d+$", "", quantity), ()) for unit in SI[dimension]
     ]
@@ -138,12 +126,12 @@ class FileDrop:
             if is_session(path) or path.is_dir():
                 await self._opened(path, ImportOptions())
             else:
-                columns = await asyncio.to_thread(lambda: suggest_columns(read_table(path)))
+                columns = await asyncio.to_thread(lambda: _suggest_columns(read_table(path)))
                 choices = [NOTHING, *QUANTITIES, RUN]
 
                 async def use() -> None:
                     with errors_as_warnings(**_LASTING):
-                        await self._opened(path, options_of(columns))
+                        await self._opened(path, _options_of(columns))
 
                 self._review.clear()
                 with self._review:
@@ -189,7 +177,7 @@ class FileDrop:
                 quantity = ui.select(known, value=column.quantity or NOTHING).props(_SELECT)
                 set_props(quantity, aria_label=f"quantity of {column.name}")
             with ui.element("td"):
-                known_units = units_of(column.quantity)
+                known_units = _units_of(column.quantity)
                 label = "unit?" if known_units and not column.unit else None
                 unit = ui.select(known_units, value=column.unit or None, label=label).props(_SELECT)
                 set_props(unit, aria_label=f"unit of {column.name}")
@@ -198,7 +186,7 @@ class FileDrop:
 
         def chose_quantity(event: events.ValueChangeEventArguments[Any]) -> None:
             column.assign("" if event.value == NOTHING else event.value)
-            unit.set_options(units_of(column.quantity), value=column.unit or None)
+            unit.set_options(_units_of(column.quantity), value=column.unit or None)
 
         def chose_unit(event: events.ValueChangeEventArguments[Any]) -> None:
             column.unit = event.value or ""

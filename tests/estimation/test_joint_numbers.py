@@ -9,7 +9,7 @@ from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import read_table
 from palpate.estimation.study.source import open_source
 from palpate.robot_io.errors import InputError
-from palpate.workbench.file_drop import options_of, suggest_columns
+from palpate.workbench.file_drop import _options_of, _suggest_columns
 from tests.files import write_csv
 
 T = np.arange(200) * 0.01
@@ -99,7 +99,7 @@ def test_ambiguous_column_is_asked_by_number_and_the_page_takes_every_joint(log)
         pairs(path)
     assert pairs(path, columns={"torque_1": "torque 1 [Nm]"}) == [(0, 2, 1.0), (1, 4, 1.0)]
     path = log(*FROM_0)
-    options = options_of(suggest_columns(read_table(path)))
+    options = _options_of(_suggest_columns(read_table(path)))
     assert options.columns["position_0"] == "position_0_rad"
     assert pairs(path, columns=options.columns, units=options.units) == [(0, 2, 1.0), (1, 3, 1.0)]
 

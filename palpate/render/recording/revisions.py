@@ -98,13 +98,8 @@ class Chart:
         return rr.LineStrips2D(placed, colors=palette.rgb(color), radii=rr.Radius.ui_points(width / 2))
 
 
-def span_of(values: FloatArray, margin: float = 0.06) -> tuple[float, float]:
-    """Return the smallest and largest finite value, with a margin; 0 to 1 plus the margin without any.
-
-    Args:
-        values: values, shape (n,).
-        margin: margin at each end, relative to the range; 1 if the margin is zero.
-    """
+def _span_of(values: FloatArray, margin: float = 0.06) -> tuple[float, float]:
+    """Return the smallest and largest finite value, with a margin; 0 to 1 plus the margin without any."""
     finite = values[np.isfinite(values)]
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
     room = margin * (high - low) or 1.0
@@ -236,10 +231,10 @@ def _log_curves(recording: rr.RecordingStream, channel: ChannelView) -> None:
     name, axes, stages = channel.name, channel.axes, channel.stages
     runs = list(rows_by_run(channel.run).values())
     pressed = [rows[channel.engaged[rows]] for rows in runs]
-    efforts = span_of(np.concatenate([channel.effort, stages[0].predicted]))
-    residuals = span_of(np.concatenate([stages[0].residual, stages[-1].residual]))
-    across = span_of(channel.position[channel.engaged])
-    effort = Chart(f"{name}/effort", span_of(channel.time_s, 0.0), efforts, "time [s]", axes.effort, _WIDE)
+    efforts = _span_of(np.concatenate([channel.effort, stages[0].predicted]))
+    residuals = _span_of(np.concatenate([stages[0].residual, stages[-1].residual]))
+    across = _span_of(channel.position[channel.engaged])
+    effort = Chart(f"{name}/effort", _span_of(channel.time_s, 0.0), efforts, "time [s]", axes.effort, _WIDE)
     loop = Chart(f"{name}/loop", across, efforts, axes.position, axes.effort)
     left = Chart(f"{name}/residual", across, residuals, axes.position, axes.residual)
     predicted, residual = [stage.predicted for stage in stages], [stage.residual for stage in stages]

@@ -26,7 +26,7 @@ from palpate.study import Study
 from palpate.workbench import elements
 from palpate.workbench import page as page_module
 from palpate.workbench.diagnosis import score_riddle
-from palpate.workbench.file_drop import options_of, suggest_columns, units_of
+from palpate.workbench.file_drop import _options_of, _suggest_columns, _units_of
 from palpate.workbench.live import run_command
 from palpate.workbench.plots import MOST_POINTS, DrawnMotion, picked, time_figure
 from palpate.workbench.processes import FitPrefetcher
@@ -301,9 +301,9 @@ def test_columns_are_guessed(tmp_path, header, expected):
     t = np.arange(0, 1, 0.01)
     path = tmp_path / "some.csv"
     np.savetxt(path, np.column_stack([t, np.sin(t), np.cos(t)]), delimiter=",", header=header, comments="")
-    found = suggest_columns(read_table(path))
+    found = _suggest_columns(read_table(path))
     assert [f"{one.quantity} {one.unit}" for one in found] == expected
-    assert all(one.unit in ("", *units_of(one.quantity)) for one in found)
+    assert all(one.unit in ("", *_units_of(one.quantity)) for one in found)
     assert all(one.why.endswith("; unit not stated") is (one.unit == "") for one in found[1:])
 
 
@@ -317,7 +317,7 @@ def test_columns_are_guessed(tmp_path, header, expected):
 def test_columns_that_the_names_leave_open_are_proposed_by_name(tmp_path, header, expected):
     path, t = tmp_path / "some.csv", np.arange(0, 1, 0.01)
     np.savetxt(path, np.column_stack([t, np.sin(t), np.cos(t)]), delimiter=",", header=header, comments="")
-    assert [f"{one.quantity} {one.unit}" for one in suggest_columns(read_table(path))] == expected
+    assert [f"{one.quantity} {one.unit}" for one in _suggest_columns(read_table(path))] == expected
 
 
 @pytest.mark.parametrize(
@@ -332,7 +332,7 @@ def test_proposed_columns_are_those_that_are_read_without_options(tmp_path, head
     depth, path = np.abs(np.sin(3.0 * t)), tmp_path / "some.csv"
     columns = np.column_stack([t, depth, 2.0 * depth, 3.0 * depth, np.cos(t)])
     np.savetxt(path, columns, delimiter=",", header=header, comments="")
-    options = options_of(suggest_columns(read_table(path)))
+    options = _options_of(_suggest_columns(read_table(path)))
     assert set(options.columns.values()) == set(import_file(path).roles)
     assert import_file(path, options).roles == import_file(path).roles
 
@@ -341,8 +341,8 @@ def test_corrected_quantity_keeps_the_unit_of_the_file_and_a_missing_unit_is_ask
     """Of "Crosshead [mm]" a position was made, then a displacement in m."""
     path = tmp_path / "press.csv"
     path.write_text("Time [s],Crosshead [mm],Load\n" + "".join(f"{n / 10},{n},{n}\n" for n in range(9)))
-    columns = suggest_columns(read_table(path))
-    options = options_of(columns)
+    columns = _suggest_columns(read_table(path))
+    options = _options_of(columns)
     with pytest.raises(InputError, match="states no unit"):
         Study(path, columns=options.columns, units=options.units, keep=False)
     for quantity in ("position", "", "displacement"):
@@ -353,15 +353,15 @@ def test_corrected_quantity_keeps_the_unit_of_the_file_and_a_missing_unit_is_ask
 
 
 def test_corrected_columns_are_options_of_the_command(press):
-    columns = suggest_columns(read_table(press))
+    columns = _suggest_columns(read_table(press))
     columns[2].unit = "mN"
-    options = options_of(columns)
+    options = _options_of(columns)
     assert options.units["force_N"] == "mN"
     study = Study(press, columns=options.columns, units=options.units, keep=False)
     assert np.abs(study.channels[0].data.effort).max() < 0.01
     columns[1].quantity = "force"
     with pytest.raises(InputError, match="several columns"):
-        options_of(columns)
+        _options_of(columns)
 
 
 def test_checklist_matches_the_reject_reason(study):
