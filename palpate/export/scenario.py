@@ -18,6 +18,7 @@ from palpate.sim_backend.scenario import Scenario
 
 Values = Mapping[str, float]  # fitted parameters of one effect, by their own names
 Entry = dict[str, object]  # entry of a scenario's section `hidden`, without the place
+# Entries by the values of an effect; without the key "effect", an entry is of the same effect.
 Term = Callable[[Values], list[Entry]]
 
 _GONE_BY_NEXT_RUN_S = 0.1
@@ -25,9 +26,9 @@ _GONE_BY_NEXT_RUN_S = 0.1
 SHORTEST_SLIP_M = 1e-6
 
 
-def _renamed(effect: str, **names: str) -> Term:
+def _renamed(**names: str) -> Term:
     """Make a term of the same effect with renamed parameters: scenario's name = fitted name."""
-    return lambda p: [{"effect": effect} | {key: p[name] for key, name in names.items()}]
+    return lambda p: [{key: p[name] for key, name in names.items()}]
 
 
 def _lost(effect: str, p: Values) -> Iterator[str]:
@@ -41,52 +42,39 @@ def _lost(effect: str, p: Values) -> Iterator[str]:
 
 CONTACT: Mapping[str, Term] = {
     # a neck that thins out linearly takes as much work as an exponential one of half the length
-    "adhesion": lambda p: [{"effect": "adhesion", "pull_off_n": p["force"], "neck_m": 2.0 * p["reach"]}],
+    "adhesion": lambda p: [{"pull_off_n": p["force"], "neck_m": 2.0 * p["reach"]}],
     # fitted: how much deeper the surface lies; simulated: how much higher
-    "contact_offset": lambda p: [{"effect": "contact_offset", "offset_m": -p["offset"]}],
-    "cubic_stiffness": _renamed("cubic_stiffness", cubic_n_m3="k3"),
-    "dry_friction": lambda p: [
-        {"effect": "dry_friction", "friction_n": p["force"], "slip_m": max(p["presliding"], SHORTEST_SLIP_M)}
-    ],
-    "hunt_crossley": _renamed("hunt_crossley", stiffness="k", damping="b", exponent="n"),
-    "layered_stiffness": _renamed("layered_stiffness", stiffness_n_m="k2", depth_m="depth"),
+    "contact_offset": lambda p: [{"offset_m": -p["offset"]}],
+    "cubic_stiffness": _renamed(cubic_n_m3="k3"),
+    "dry_friction": lambda p: [{"friction_n": p["force"], "slip_m": max(p["presliding"], SHORTEST_SLIP_M)}],
+    "hunt_crossley": _renamed(stiffness="k", damping="b", exponent="n"),
+    "layered_stiffness": _renamed(stiffness_n_m="k2", depth_m="depth"),
     # fitted: what is left by the next run; simulated: how fast it goes, where zero is never
     "plastic_set": lambda p: [
-        {
-            "effect": "plastic_set",
-            "share": p["share"],
-            "recovery_s": 0.0 if p["kept"] > 0.5 else _GONE_BY_NEXT_RUN_S,
-        }
+        {"share": p["share"], "recovery_s": 0.0 if p["kept"] > 0.5 else _GONE_BY_NEXT_RUN_S}
     ],
-    "quadratic_damping": _renamed("quadratic_damping", damping_n_s2_m2="c2"),
-    "stress_relaxation": _renamed("stress_relaxation", stiffness_n_m="k1", time_s="tau"),
-    "tool_compliance": _renamed("tool_compliance", compliance_m_n="compliance"),
+    "quadratic_damping": _renamed(damping_n_s2_m2="c2"),
+    "stress_relaxation": _renamed(stiffness_n_m="k1", time_s="tau"),
+    "tool_compliance": _renamed(compliance_m_n="compliance"),
 }
 
 JOINT: Mapping[str, Term] = {
-    "armature": _renamed("armature", inertia_kg_m2="inertia"),
-    "asymmetric_friction": _renamed("asymmetric_friction", positive_nm="forward", negative_nm="backward"),
-    "backlash": _renamed("backlash", gap_rad="gap"),
-    "coulomb_friction": _renamed("coulomb_friction", coulomb_nm="force"),
-    "joint_elasticity": _renamed("joint_elasticity", compliance_rad_nm="compliance"),
+    "armature": _renamed(inertia_kg_m2="inertia"),
+    "asymmetric_friction": _renamed(positive_nm="forward", negative_nm="backward"),
+    "backlash": _renamed(gap_rad="gap"),
+    "coulomb_friction": _renamed(coulomb_nm="force"),
+    "joint_elasticity": _renamed(compliance_rad_nm="compliance"),
     "joint_spring": lambda p: [
-        {
-            "effect": "joint_spring",
-            "stiffness_nm_rad": p["k"],
-            "rest_rad": -p["preload"] / p["k"] if p["k"] else 0.0,
-        }
+        {"stiffness_nm_rad": p["k"], "rest_rad": -p["preload"] / p["k"] if p["k"] else 0.0}
     ],
-    "load_dependent_friction": _renamed("load_dependent_friction", load_share="mu"),
-    "quadratic_friction": _renamed("quadratic_friction", quadratic_nms2_rad2="d2"),
-    "stribeck_friction": _renamed(
-        "stribeck_friction", coulomb_nm="coulomb", stiction_nm="rise", speed_rad_s="speed"
-    ),
+    "load_dependent_friction": _renamed(load_share="mu"),
+    "quadratic_friction": _renamed(quadratic_nms2_rad2="d2"),
+    "stribeck_friction": _renamed(coulomb_nm="coulomb", stiction_nm="rise", speed_rad_s="speed"),
     # fitted: reading over true torque; simulated: true torque over reading
-    "torque_gain": lambda p: [{"effect": "torque_gain", "gain": 1.0 / p["gain"]}],
+    "torque_gain": lambda p: [{"gain": 1.0 / p["gain"]}],
     # one entry for each multiple of the cycles: sine, sine_2 ... with their cosines
     "torque_ripple": lambda p: [
         {
-            "effect": "torque_ripple",
             "amplitude_nm": hypot(sine, p[f"co{name}"]),
             "cycles": int(name.partition("_")[2] or 1) * p["cycles"],
             "phase_rad": atan2(p[f"co{name}"], sine),
@@ -94,28 +82,26 @@ JOINT: Mapping[str, Term] = {
         for name, sine in p.items()
         if name.startswith("sine")
     ],
-    "viscous_friction": _renamed("viscous_friction", viscous_nms_rad="d"),
+    "viscous_friction": _renamed(viscous_nms_rad="d"),
 }
 
 ARM: Mapping[str, Term] = {  # effects of the whole arm
-    "gravity_tilt": lambda p: (
-        _renamed("gravity_tilt", pitch_rad="tilt")(p)
-        if "tilt" in p
-        else _renamed("gravity_tilt", pitch_rad="pitch", roll_rad="roll")(p)
-    ),
+    "gravity_tilt": lambda p: [
+        {"pitch_rad": p["tilt"]} if "tilt" in p else {"pitch_rad": p["pitch"], "roll_rad": p["roll"]}
+    ],
     "force_deadband": lambda p: [{"effect": "deadband", "half_width": p["width"], "channel": "contact"}],
-    "payload": _renamed("payload", mass_kg="mass"),
+    "payload": _renamed(mass_kg="mass"),
 }
 
 SENSOR: Mapping[str, Term] = {
-    "bias": _renamed("bias", bias="offset"),
-    "deadband": _renamed("deadband", half_width="width"),
-    "delay": _renamed("delay", delay_s="time"),
-    "drift": lambda p: [{"effect": "drift", "rate_1_s": p["rate"]}, {"effect": "bias", "bias": p["offset"]}],
-    "hysteresis": _renamed("hysteresis", half_width="width"),
-    "lag": _renamed("lag", time_s="tau"),
-    "quantisation": _renamed("quantisation", step="step"),
-    "saturation": _renamed("saturation", limit="limit"),
+    "bias": _renamed(bias="offset"),
+    "deadband": _renamed(half_width="width"),
+    "delay": _renamed(delay_s="time"),
+    "drift": lambda p: [{"rate_1_s": p["rate"]}, {"effect": "bias", "bias": p["offset"]}],
+    "hysteresis": _renamed(half_width="width"),
+    "lag": _renamed(time_s="tau"),
+    "quantisation": _renamed(step="step"),
+    "saturation": _renamed(limit="limit"),
 }
 
 
@@ -212,13 +198,7 @@ def _with_object(
         stiffness, damping = (spring or {}).get("k", 0.0), (damper or {}).get("c", 0.0)
         law = {"name": "kelvin_voigt", "stiffness_n_m": stiffness, "damping_n_s_m": max(damping, 0.0)}
     elif "hunt_crossley" in effects:
-        power = effects.pop("hunt_crossley")
-        law = {
-            "name": "hunt_crossley",
-            "stiffness": power["k"],
-            "damping": power["b"],
-            "exponent": power["n"],
-        }
+        law = {"name": "hunt_crossley", **CONTACT["hunt_crossley"](effects.pop("hunt_crossley"))[0]}
     if law is None:
         raise InputError("the contact's model has neither a spring nor a Hunt-Crossley law to simulate")
     changed: dict[str, object] = {"law": law}
@@ -245,7 +225,8 @@ def _entries(
         return [], [f"the simulator has no effect '{name}'"]
     where, placed = channel.name, []
     try:
-        for entry in terms[name](values):
+        for own in terms[name](values):
+            entry: Entry = {"effect": name, **own}
             place: Entry = {}
             if entry["effect"] in SENSOR:
                 place = {"channel": "contact" if channel.is_contact else where}
