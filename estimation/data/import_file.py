@@ -97,6 +97,9 @@ def import_file(path: str | os.PathLike[str], options: ImportOptions = NO_OPTION
     return import_table(read_table(path, options.table), options)
 
 
+_OF_CONTACT = {SURFACE_COLUMN: "position of the surface", STEP_COLUMN: "resolution of the displacement"}
+
+
 def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> ImportedData:
     """Create channels from a table in memory; see `import_file`.
 
@@ -137,16 +140,17 @@ def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> ImportedD
         channels.append(replace(channel, import_warnings=(*time_warnings, *notes[before:])))
     channels = _reverse_reactions(channels, sources, columns, notes)
     channels = [replace(channel, context=context, recorded=frozenset(context)) for channel in channels]
-    unused = tuple(name for name in columns.unused if name not in options.context)
+    roles = columns.roles
+    if any(channel.surface is not None for channel in channels):
+        roles |= {name: f"{what} in m" for name, what in _OF_CONTACT.items() if name in table.names}
+    unused = tuple(name for name in columns.unused if name not in {*options.context, *roles})
     read = "; ".join(filter(None, [columns.matched, *columns.table.notes]))
     joint_columns = {
         source.name: (columns.name(source.position), columns.name(source.effort))
         for source in sources
         if source.kind is not ChannelKind.CONTACT and columns.matched
     }
-    return ImportedData(
-        with_arm(channels), rows.labels, tuple(notes), unused, read, columns.roles, joint_columns
-    )
+    return ImportedData(with_arm(channels), rows.labels, tuple(notes), unused, read, roles, joint_columns)
 
 
 def _context_signals(

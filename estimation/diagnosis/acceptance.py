@@ -16,7 +16,12 @@ from palpate.estimation.budget.laws import GRAVITY_RANGE
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.data.derivatives import grid_step
 from palpate.estimation.design.discrimination import SMALL
-from palpate.estimation.diagnosis.bootstrap import encoder_step_error, improvement_test, smoothing_error
+from palpate.estimation.diagnosis.bootstrap import (
+    SMOOTHING_TIMES,
+    encoder_step_error,
+    improvement_test,
+    smoothing_error,
+)
 from palpate.estimation.diagnosis.candidates import (
     Candidate,
     cross_validated_error,
@@ -55,7 +60,6 @@ _MAX_UNEXPLAINED = 0.1  # unexplained mean square, relative to an effect's, abov
 _FAULT_KINDS = SENSOR_KINDS | {Kind.DRIFT}  # named only if their size is certain
 _OFFSET = "bias"  # name of the effect that is a constant
 _NEARLY_ALL = 0.99  # least share of the error above the noise that a sensor fault or a drift must explain
-_SMOOTHING_TIMES = 1.25  # largest error explained by smoothing, relative to its first-order estimate
 _SAME_CURVE = 1e-3  # energy of the difference of two curves, relative to what the effect adds
 
 
@@ -596,7 +600,7 @@ def is_smoothing(reduced: FitResult, fit: FitResult) -> bool:
     if not is_below_cutoff(problem, before, after, fit.filters):
         fall = float(np.mean(before[problem.used] ** 2) - np.mean(after[problem.used] ** 2))
         error = smoothing_error(reduced, identify_measurement_model(reduced.training))
-        if fall <= (_SMOOTHING_TIMES * error) ** 2:
+        if fall <= (SMOOTHING_TIMES * error) ** 2:
             return True
     return looks_like_smoothing(problem, problem.blocked.effort - before, before - after, fit.filters)
 

@@ -33,6 +33,7 @@ _LEVEL_TO_STOP = 1e-3  # probability that one more sample exceeds the data, if s
 _FAR = 3.0  # ratio to the largest sample above which optimized inner parameters cannot change the result
 _STEP_GAIN = 1e-3  # least share of the error that an optimizer step must remove, far below `SMALL`
 _STARTS = 6  # additional start values of an effect's inner parameters on each sample
+SMOOTHING_TIMES = 1.25  # largest error that smoothing may cause, relative to its first-order estimate
 _MOST = 0.5  # share of the squared error
 _MIN_NOISE = 0.05  # least share of the residual variance that is noise of the effort itself
 

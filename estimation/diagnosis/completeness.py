@@ -7,6 +7,7 @@ import numpy as np
 from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.diagnosis.acceptance import is_outperformed
 from palpate.estimation.diagnosis.bootstrap import (
+    SMOOTHING_TIMES,
     encoder_step_error,
     is_mostly_smoothing,
     lack_of_fit_test,
@@ -58,7 +59,8 @@ class Completeness:
         Args:
             fit: the model.
         """
-        largest = fit.problem.used.sum() * smoothing_error(fit, self.measurement) ** 2
+        error = SMOOTHING_TIMES * smoothing_error(fit, self.measurement)
+        largest = fit.problem.used.sum() * error**2
         if fit in self.incomplete or self.explains_little(fit) or fit.flexible.explained >= largest:
             return False
         return is_mostly_smoothing(fit, self.measurement) or self.residual_finding(fit) is None

@@ -334,6 +334,7 @@ def test_channel_is_imported_again_unchanged(probed, tmp_path):
     for name in ("position", "velocity", "effort", "phase"):
         np.testing.assert_array_equal(getattr(first, name)[first.run >= 0], getattr(again, name))
     assert 0.0 < again.position_step == pytest.approx(first.position_step)
+    assert "not used" not in run("import", file, "--look").stdout
     stored = tmp_path / "again.mcap"
     done("import", file, "-o", stored)
     (expected, *_), *others = (

@@ -48,6 +48,19 @@ def test_model_is_complete_if_its_residual_matches_bootstrap_samples(
     assert judge.is_complete(fit) is (complete and exact)
 
 
+@pytest.mark.parametrize(("smoothing", "may_cause_it"), [(0.25, True), (0.23, False)])
+def test_smoothing_may_cause_a_quarter_more_than_its_first_order_estimate(
+    smoothing, may_cause_it, monkeypatch
+):
+    fit = Mock(**{"flexible.explained": 10 * 0.3**2})
+    fit.problem.used = np.ones(10)
+    monkeypatch.setattr(completeness, "smoothing_error", lambda *_: smoothing)
+    monkeypatch.setattr(completeness, "is_mostly_smoothing", lambda *_: True)
+    monkeypatch.setattr(completeness, "measurement_noise", lambda _: SimpleNamespace(is_bound=False))
+    judge = Completeness(SimpleNamespace(training=swings(1, runs=2)), np.random.default_rng(0))
+    assert judge.leaves_smoothing(fit) is may_cause_it
+
+
 @pytest.mark.parametrize(
     ("changes", "explains"),
     [
