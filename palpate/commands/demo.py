@@ -140,7 +140,7 @@ def demo_command(
     own_arm = "your own arm, before it gets power (docs/how-to/hardware.md)"
     steps = [
         (f"palpate inspect {shell_path(session)}", "see arm, forces and estimates in Rerun"),
-        ("palpate doctor --robot my_arm.yaml", own_arm),
+        ("palpate doctor --robot ARM.yaml", own_arm),
     ]
     if hidden is not None:
         if "recording" in hidden.files:

@@ -187,7 +187,8 @@ def _next_steps(  # noqa: PLR0917, what was typed and found
     ):
         for name in study.source.unused[:MOST_ASKED]:
             yield f"palpate diagnose {again} --context {as_shell_word(name)}", f"whether it depends on {name}"
-        yield f"palpate diagnose {again} --effect my_effects.py:MyEffect", "try a hypothesis of your own"
+        own_effect = "try an effect that you write (docs/reference/effects.md)"
+        yield f"palpate diagnose {again} --effect FILE.py:CLASS", own_effect
     if all(study.refusal(study.channel(channel.channel)) for channel in diagnosis.channels):
         too_little = any("; record" in channel.reason for channel in diagnosis.channels)
         if too_little and study.source.session is None and data.file.is_file():
