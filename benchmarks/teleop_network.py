@@ -8,6 +8,7 @@ packets, as netem does where the kernel has it. Real zenoh, real TCP or UDP. Nee
 
 import ctypes
 import fcntl
+import heapq
 import json
 import os
 import secrets
@@ -18,13 +19,14 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from itertools import count
 from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 import yaml
 from harness import PALPATE, arguments
-from teleop_couplings import DelayLine, LinkFaults
 
 from palpate.robot_io.session import Session
 from palpate.sim_backend.scenario import load_scenario
@@ -38,6 +40,18 @@ ADDRESSES = ("10.99.0.1", "10.99.0.2")
 _TUNSETIFF, _IFF_TUN, _IFF_NO_PI = 0x400454CA, 0x0001, 0x1000  # Linux, linux/if_tun.h
 _CLONE_NEWNET = 0x40000000  # Linux, sched.h
 _DEVICE, _MOST_BYTES = "link0", 65536
+
+
+@dataclass(frozen=True)
+class LinkFaults:
+    """What the relay does to packets, each way."""
+
+    delay_s: float
+    jitter_s: float  # largest additional delay, uniformly distributed; packets may overtake each other
+    loss: float  # share of packets that never come, independently
+
+    def __str__(self) -> str:
+        return f"{1e3 * self.delay_s:.0f} ms + {1e3 * self.jitter_s:.0f} ms, {100 * self.loss:.0f} %"
 
 
 @contextmanager
@@ -86,13 +100,19 @@ def _device(name: str) -> int:
 def _relay(faults: LinkFaults, seed: int, ready) -> None:  # noqa: ANN001
     devices = [_device(name) for name in NAMES]
     ready.set()
-    line = DelayLine[tuple[int, bytes]](faults, np.random.default_rng(seed))
+    rng, numbers = np.random.default_rng(seed), count()
+    under_way: list[tuple[float, int, int, bytes]] = []  # time of arrival, number, device and packet
     while True:
-        come, _, _ = select.select(devices, [], [], min(1.0, max(0.0, line.next_s - time.monotonic())))
+        wait_s = under_way[0][0] - time.monotonic() if under_way else 1.0
+        come, _, _ = select.select(devices, [], [], min(1.0, max(0.0, wait_s)))
         for device in come:
-            opposite = devices[1 - devices.index(device)]
-            line.send((opposite, os.read(device, _MOST_BYTES)), time.monotonic())
-        for _, (device, packet) in line.arrived(time.monotonic()):
+            packet, opposite = os.read(device, _MOST_BYTES), devices[1 - devices.index(device)]
+            late, lost = rng.random(2)
+            if lost >= faults.loss:
+                arrives_s = time.monotonic() + faults.delay_s + late * faults.jitter_s
+                heapq.heappush(under_way, (arrives_s, next(numbers), opposite, packet))
+        while under_way and under_way[0][0] <= time.monotonic():
+            _, _, device, packet = heapq.heappop(under_way)
             with suppress(OSError):  # the other side is not up yet
                 os.write(device, packet)
 
