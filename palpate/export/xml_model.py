@@ -118,8 +118,8 @@ def patch_mjcf(
         if "roll_rad" in arm.arm:
             turn = Rotation.from_euler("YX", [tilt.number, arm.arm["roll_rad"].number])
         gravity = turn.inv().apply(mounting.gravity_m_s2)
-        option = root.find("option")
-        option = _inserted(root, 0, "option") if option is None else option
+        if (option := root.find("option")) is None:
+            root.insert(0, option := Element("option"))
         option.set("gravity", " ".join(f"{value:.9g}" for value in gravity))
         _comment(root, option, "gravity", tilt.fitted)
         model.used.append(f"arm: gravity {option.get('gravity')} ({'; '.join(tilt.fitted)})")
@@ -191,7 +191,7 @@ class _Mjcf:
         self._defaults = {
             each.get("class", "main"): each for top in root.findall("default") for each in top.iter("default")
         }
-        joints = (joint for body in root.findall("worldbody") for joint in body.iter("joint"))
+        joints = root.iterfind("worldbody//joint")
         self._joints = [joint for joint in joints if self.value(joint, "type", "hinge") in _JOINTS]
 
     def value(self, element: Element, name: str, absent: str) -> str:
@@ -238,9 +238,7 @@ class _Mjcf:
         is_hinge = self.value(element, "type", "hinge") == "hinge"
         angles = [each.get("angle") for each in self._root.findall("compiler") if each.get("angle")]
         in_file = degrees if is_hinge and (not angles or angles[-1] == "degree") else float
-        texts: dict[str, str] = {
-            key: f"{number[key]:.9g}" for key in ("armature", "frictionloss") if key in number
-        }
+        texts = {key: f"{number[key]:.9g}" for key in sorted(number.keys() & {"armature", "frictionloss"})}
         if "frictionloss" in texts:  # by default friction changes sign some 10 ms ahead of the motion
             texts["solreffriction"] = f"{2.0 * self._step_s():.9g} 1"
         if number.keys() & {"damping", "damping_quadratic"}:
@@ -252,17 +250,14 @@ class _Mjcf:
             real = [float(root.real) for root in roots if abs(root.imag) < 1e-9 * (1.0 + abs(root.real))]
             rest = min(real, key=abs) if real else (0.0 if p == 0.0 else None)
             if rest is None:
-                self.left_out.append(
-                    f"{joint.channel}: preload {p:.5g} cannot be exported: no fitted spring balances it"
-                )
+                self._omit(joint, f"preload {p:.5g} cannot be exported: no fitted spring balances it")
                 rest = 0.0
             texts["stiffness"] = _polynomial(k + 3.0 * k3 * rest**2, 3.0 * k3 * rest, k3)
             texts["springref"] = f"{in_file(rest):.9g}"
         for key in _PASSIVE:
             before = self.value(element, key, "0")
             if key not in texts and any(self._numbers(element, key, before)):
-                line = f"{key} {before} of the file is kept: the fitted model has none"
-                self.left_out.append(f"{joint.channel}: {line}")
+                self._omit(joint, f"{key} {before} of the file is kept: the fitted model has none")
         for key, value in texts.items():
             element.set(key, value)
         if joint.values:
@@ -277,17 +272,19 @@ class _Mjcf:
                 element.set("name", joint.channel)
             section = self._root.find("sensor")
             section = SubElement(self._root, "sensor") if section is None else section
-            sensor = SubElement(section, "jointactuatorfrc", {"name": f"{joint.channel}_effort"})
-            sensor.set("joint", element.get("name", ""))
-            sensor.set("delay", f"{number['sensor_delay_s']:.9g}")
-            sensor.set("nsample", str(ceil(number["sensor_delay_s"] / self._step_s()) + 1))
-            _comment(self._root, sensor, "delay", joint.values["sensor_delay_s"].fitted)
+            delay = joint.values["sensor_delay_s"]
+            about = {"name": f"{joint.channel}_effort", "joint": element.get("name", "")}
+            about |= {"delay": f"{delay.number:.9g}", "nsample": f"{ceil(delay.number / self._step_s()) + 1}"}
+            sensor = SubElement(section, "jointactuatorfrc", about)
+            _comment(self._root, sensor, "delay", delay.fitted)
+
+    def _omit(self, joint: TargetJoint, line: str) -> None:
+        self.left_out.append(f"{joint.channel}: {line}")
 
     def _step_s(self) -> float:
-        options = [each for each in self._root.findall("option") if each.get("timestep")]
-        step_s = (
-            self._numbers(options[-1], "timestep", options[-1].get("timestep", ""))[0] if options else 0.002
-        )
+        step_s = 0.002  # MuJoCo's default; the last option takes precedence
+        for option in self._root.findall("option[@timestep]")[-1:]:
+            step_s = self._numbers(option, "timestep", option.get("timestep", ""))[0]
         if step_s <= 0.0:
             raise InputError(f"{self._place}: <option> timestep {step_s:g} s: must be above 0")
         return step_s
@@ -308,25 +305,21 @@ class _Mjcf:
     def _add_gap(self, element: Element, joint: TargetJoint, half: float) -> None:
         name = f"{element.get('name') or joint.channel}_backlash"
         if any(key.get("qpos") for key in self._root.iter("key")):
-            line = "'backlash' needs one more joint: remove the file's keyframes with positions first"
-            self.left_out.append(f"{joint.channel}: {line}")
+            self._omit(
+                joint, "'backlash' needs one more joint: remove the file's keyframes with positions first"
+            )
             return
         parent = self._parents[element]
-        gap = _inserted(parent, list(parent).index(element) + 1, "joint")
-        copied = {key: self.value(element, key, "") for key in ("type", "axis", "pos")}
         own = {"name": name, "limited": "true", "range": f"{-half:.9g} {half:.9g}"}
         own |= {"armature": f"{_SMALL_ARMATURE}", "damping": "0", "frictionloss": "0", "stiffness": "0"}
-        for key, value in (own | {key: value for key, value in copied.items() if value}).items():
-            gap.set(key, value)
+        own |= {key: value for key in ("type", "axis", "pos") if (value := self.value(element, key, ""))}
+        parent.insert(list(parent).index(element) + 1, Element("joint", own))
         self.used.append(
             f"{joint.channel}: new joint '{name}': positions and velocities have one more element"
         )
         if not any(self._numbers(element, "armature", self.value(element, "armature", "0"))):
-            line = (
-                "the inertia of the rotor is unknown; without an armature the contact at the gap's ends "
-                "is soft"
-            )
-            self.left_out.append(f"{joint.channel}: {line}")
+            unknown = "the inertia of the rotor is unknown"
+            self._omit(joint, f"{unknown}; without an armature the contact at the gap's ends is soft")
 
     def check_servo(self, element: Element, joint: TargetJoint, gain_nm_rad: float) -> None:
         """Report where the joint's <position> actuator contradicts a fit to goals and positions.
@@ -341,16 +334,16 @@ class _Mjcf:
                 continue
             kp, kv = (self._numbers(each, name, self.value(each, name, no))[0] for name, no in _SERVO_GAINS)
             if abs(kp - gain_nm_rad) > 1e-3 * gain_nm_rad:
-                line = f"kp {kp:g} of <position> is kept, but the servo's gain is {gain_nm_rad:g} N m/rad"
-                self.left_out.append(f"{joint.channel}: {line}")
+                gain = f"the servo's gain is {gain_nm_rad:g} N m/rad"
+                self._omit(joint, f"kp {kp:g} of <position> is kept, but {gain}")
             if kv:
-                line = f"kv {kv:g} of <position> is kept, but the fitted damping already includes the servo's"
-                self.left_out.append(f"{joint.channel}: {line}")
+                included = "the fitted damping already includes the servo's"
+                self._omit(joint, f"kv {kv:g} of <position> is kept, but {included}")
 
     def _actuators(self, element: Element) -> list[Element]:
         name = element.get("name")
-        actuators = (each for section in self._root.findall("actuator") for each in section)
-        return [each for each in actuators if name is not None and each.get("joint") == name]
+        actuators = () if name is None else self._root.iterfind("actuator/*")
+        return [each for each in actuators if each.get("joint") == name]
 
     def _scale_actuators(self, element: Element, joint: TargetJoint, factor: float) -> None:
         actuators = self._actuators(element)
@@ -361,8 +354,7 @@ class _Mjcf:
             _comment(self._root, each, "gear", [f"{first:.9g} of the file times {factor:.9g}"])
         if not scaled:
             kinds = ", ".join(f"<{each.tag}>" for each in actuators) or "none"
-            line = f"'torque_gain' scales the gear of a <motor>; actuators of this joint: {kinds}"
-            self.left_out.append(f"{joint.channel}: {line}")
+            self._omit(joint, f"'torque_gain' scales the gear of a <motor>; actuators of this joint: {kinds}")
 
     def add_payload(self, payload: TermValue, mounting: Mounting) -> None:
         """Add a point mass at the tip; a mass of zero or less is only reported.
@@ -392,8 +384,8 @@ class _Mjcf:
         self.used.append(f"arm: new body '{PAYLOAD}' {where} ({'; '.join(payload.fitted)})")
 
     def _tip(self, name: str, tag: str) -> Element | None:
-        bodies = self._root.findall("worldbody")
-        return next((each for top in bodies for each in top.iter(tag) if each.get("name") == name), None)
+        found = (each for each in self._root.iterfind(f"worldbody//{tag}") if each.get("name") == name)
+        return next(found, None)
 
 
 def _polynomial(*coefficients: float) -> str:
@@ -428,12 +420,6 @@ def _named(place: str, joints: Sequence[Element], joint: TargetJoint, advice: st
     if len(found) > 1:
         raise InputError(f"{place}: {len(found)} joints are called '{joint.name}': rename all but one")
     return found[0]
-
-
-def _inserted(parent: Element, index: int, tag: str) -> Element:
-    element = Element(tag)
-    parent.insert(index, element)
-    return element
 
 
 def _comment(root: Element, element: Element, title: str, lines: Sequence[str]) -> None:
