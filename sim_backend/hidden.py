@@ -13,6 +13,7 @@ from zlib import crc32
 import numpy as np
 
 from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.atomic_write import atomic_write
 from palpate.sim_backend.contact_laws import ObjectLaw
 from palpate.sim_backend.contact_laws.standard import EngineContact
 from palpate.sim_backend.hooks import HiddenEffects
@@ -117,10 +118,9 @@ SUFFIX = ".sealed"
 _TITLE = "palpate sealed answer, version 1"
 _HOW = "What was hidden in the session of this name. To open it: palpate reveal"
 _MAX_BYTES = 1_000_000
-_LINE = 76
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class SealedAnswer:
     """Hidden effects of one session."""
 
@@ -150,22 +150,11 @@ def seal(session: str | Path, answer: SealedAnswer) -> Path:
         InputError: the file exists already, or cannot be written.
     """
     path = sealed_path(session)
-    data = {
-        "hidden": [entry.describe() for entry in answer.hidden],
-        "seed": answer.seed,
-        "made_utc": answer.made_utc,
-        "mark": answer.mark,
-    }
-    code = base64.b64encode(zlib.compress(json.dumps(data).encode())).decode()
-    lines = [_TITLE, _HOW, "", *(code[start : start + _LINE] for start in range(0, len(code), _LINE)), ""]
+    data = json.dumps(vars(answer) | {"hidden": [entry.describe() for entry in answer.hidden]})
     try:
-        with path.open("x", encoding="ascii") as file:
-            try:
-                file.write("\n".join(lines))
-                file.flush()
-            except OSError:
-                path.unlink(missing_ok=True)
-                raise
+        with atomic_write(path, replace=False) as unfinished:
+            code = base64.encodebytes(zlib.compress(data.encode()))
+            unfinished.write_bytes(f"{_TITLE}\n{_HOW}\n\n".encode() + code)
     except FileExistsError as error:
         raise InputError(f"{path}: exists already, and a sealed answer never replaces a file") from error
     except OSError as error:

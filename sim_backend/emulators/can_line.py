@@ -3,7 +3,7 @@
 import math
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import count
 from typing import Any
 
@@ -19,28 +19,16 @@ _BUS_OFF_ERROR_FRAME = 0x040  # linux/can/error.h: CAN_ERR_BUSOFF
 _STRANGER = 0x7E5  # an id that none of the nodes has
 
 
-def mounting_of(motor: MotorMounting) -> dict[str, float]:
-    """Return the keyword arguments of an emulated motor that a robot file states.
-
-    Args:
-        motor: its settings in the robot file.
-    """
-    ratio = -motor.gear_ratio if motor.reversed else motor.gear_ratio
-    return {"gear_ratio": ratio, "zero_rad": motor.zero_rad}
-
-
 class EmulatedMotor(ABC):
-    """One motor, by its id, on a joint of the plant (from 0).
+    """One motor, by its id, on a joint of the plant (from 0); mounted as the robot file states.
 
-    Its shaft turns `gear_ratio` times for one turn of the joint, negative if reversed, and is at zero when
-    the joint is at `zero_rad` [rad]. Faults name it by its number.
+    Faults name it by its number.
     """
 
-    def __init__(
-        self, number: int, joint: int, plant: Plant, *, gear_ratio: float = 1.0, zero_rad: float = 0.0
-    ) -> None:
-        self.number = number
-        self._joint, self._plant, self._gear_ratio, self._zero_rad = joint, plant, gear_ratio, zero_rad
+    def __init__(self, number: int, joint: int, plant: Plant, mounting: MotorMounting) -> None:
+        self.number, self._joint, self._plant, self._zero_rad = number, joint, plant, mounting.zero_rad
+        # Turns of the shaft for one turn of the joint, negative if reversed.
+        self._gear_ratio = -mounting.gear_ratio if mounting.reversed else mounting.gear_ratio
         self._heard_s = self._silent_until_s = -math.inf
         self._stuck: JointState | None = None
 
@@ -189,16 +177,14 @@ _numbers = count()
 
 
 def make_can_wire(
-    request: WireRequest, motors: Sequence[Any], make: Callable[[int, Any], EmulatedMotor]
+    request: WireRequest, nodes: Sequence[EmulatedMotor]
 ) -> tuple[EmulatedWire, dict[str, Any]]:
     """Make a bus with one emulated motor per joint, and its settings; see `WireMaker.make`.
 
     Args:
         request: the bus to emulate.
-        motors: settings of each, from base to tip.
-        make: makes a node from joint (from 0) and settings.
+        nodes: motors, from base to tip.
     """
-    nodes = [make(joint, motor) for joint, motor in enumerate(motors)]
     channel = f"palpate-{os.getpid()}-{next(_numbers)}"
     options: dict[str, Any] = {"preserve_timestamps": request.in_lock_step}
     bus = (_EmulatorBus if request.in_lock_step else VirtualBus)(channel=channel, **options)

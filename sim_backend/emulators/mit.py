@@ -25,14 +25,13 @@ from typing import Any
 import can
 
 from palpate.robot_io.drivers.mit.settings import Maker, MitBusSettings, MitMotor
-from palpate.sim_backend.emulators.can_line import EmulatedMotor, make_can_wire, mounting_of
+from palpate.sim_backend.emulators.can_line import EmulatedMotor, make_can_wire
 from palpate.sim_backend.emulators.hardware import EmulatedWire, Plant
 from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
 _ALERT = 6  # MOSFET over temperature
 _TEMPERATURE = 25
 _NO_COMMAND = (0.0, 0.0, 0.0, 0.0, 0.0)  # position, velocity, stiffness, damping, torque
-Limits = tuple[float, float, float]  # of position [rad], velocity [rad/s] and torque [N m]
 
 
 def _to_uint(value: float, limit: float, bits: int) -> int:
@@ -50,30 +49,28 @@ def _to_float(number: int, limit: float, bits: int, low: float | None = None) ->
 class EmulatedMitMotor(EmulatedMotor):
     """One motor, see `EmulatedMotor`.
 
-    Its limits are the ends of the ranges of position [rad], velocity [rad/s] and torque [N m]. `host_id` is
-    the arbitration id of its answers, and `timeout_s` its CAN timeout [s], None for none. Outside motor mode,
-    a motor that is `deaf_when_off` answers only the special codes.
+    Its limits are the ends of the ranges of position [rad], velocity [rad/s] and torque [N m]. `timeout_s` is
+    its CAN timeout [s], None for none. If the host requests its state by "enter", it answers only the special
+    codes outside motor mode.
     """
 
-    def __init__(
-        self,
-        number: int,
-        joint: int,
-        plant: Plant,
-        *,
-        limits: Limits,
-        host_id: int = 0,
-        timeout_s: float | None = None,
-        deaf_when_off: bool = False,
-        **mounting: float,
-    ) -> None:
-        super().__init__(number, joint, plant, **mounting)
+    def __init__(self, motor: MitMotor, joint: int, plant: Plant, settings: MitBusSettings) -> None:
+        super().__init__(motor.motor_id, joint, plant, motor)
+        own = motor.ranges
+        limits = (own.position_rad, own.velocity_rad_s, own.torque_nm) if own else _LIMITS[motor.model]
         self._position_limit, self._velocity_limit, self._torque_limit = limits
-        self._host_id, self.timeout_s, self._deaf_when_off = host_id, timeout_s, deaf_when_off
+        self._host_id = self._answer_id(motor, settings.host_id)
+        self.timeout_s: float | None = settings.watchdog_s
+        self._deaf_when_off = settings.ask_with == "enter"
         self.enabled = False
         self.error = 0
         self._command = _NO_COMMAND
         self._start_up()
+
+    @staticmethod
+    def _answer_id(motor: MitMotor, host_id: int | None) -> int:
+        """Return the arbitration id of its answers."""
+        return host_id or 0
 
     def _process(self, message: can.Message, now_s: float) -> list[can.Message]:
         for_me = message.arbitration_id == self.number and not message.is_extended_id
@@ -175,6 +172,10 @@ class EmulatedDamiao(EmulatedMitMotor):
 
     registers: dict[int, float]
 
+    @staticmethod
+    def _answer_id(motor: MitMotor, host_id: int | None) -> int:
+        return motor.answer_id or motor.motor_id + 16
+
     def _process(self, message: can.Message, now_s: float) -> list[can.Message]:
         data = bytes(message.data)
         if message.is_extended_id:
@@ -241,6 +242,10 @@ class EmulatedRobstride(EmulatedMitMotor):
 
     parameters: dict[int, float]
     _fault_reports: list[can.Message]  # sent without a request
+
+    @staticmethod
+    def _answer_id(motor: MitMotor, host_id: int | None) -> int:
+        return ROBSTRIDE_HOST if host_id is None else host_id
 
     def _process(self, message: can.Message, now_s: float) -> list[can.Message]:
         number, data = message.arbitration_id, bytes(message.data)
@@ -324,6 +329,11 @@ class EmulatedRobstride(EmulatedMitMotor):
         return can.Message(arbitration_id=number, is_extended_id=True, data=data)
 
 
+_KINDS = {
+    Maker.CUBEMARS: EmulatedMitMotor,
+    Maker.DAMIAO: EmulatedDamiao,
+    Maker.ROBSTRIDE: EmulatedRobstride,
+}
 _LIMITS = CUBEMARS_LIMITS | DAMIAO_LIMITS | ROBSTRIDE_LIMITS
 
 
@@ -334,18 +344,6 @@ class MitWires(WireMaker):
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
         settings = request.settings_as(MitBusSettings)
-
-        def node(joint: int, motor: MitMotor) -> EmulatedMitMotor:
-            place: tuple[int, int, Plant] = (motor.motor_id, joint, request.plant)
-            own = motor.ranges
-            limits = (own.position_rad, own.velocity_rad_s, own.torque_nm) if own else _LIMITS[motor.model]
-            mounting: dict[str, Any] = {"limits": limits, **mounting_of(motor)}
-            if settings.maker is Maker.DAMIAO:
-                return EmulatedDamiao(*place, **mounting, host_id=motor.answer_id or motor.motor_id + 16)
-            if settings.maker is Maker.ROBSTRIDE:
-                host_id = ROBSTRIDE_HOST if settings.host_id is None else settings.host_id
-                return EmulatedRobstride(*place, **mounting, host_id=host_id)
-            mounting |= {"timeout_s": settings.watchdog_s, "deaf_when_off": settings.ask_with == "enter"}
-            return EmulatedMitMotor(*place, **mounting, host_id=settings.host_id or 0)
-
-        return make_can_wire(request, settings.motors, node)
+        kind = _KINDS[settings.maker]
+        nodes = [kind(motor, joint, request.plant, settings) for joint, motor in enumerate(settings.motors)]
+        return make_can_wire(request, nodes)

@@ -13,7 +13,7 @@ from typing import Any
 import can
 
 from palpate.robot_io.drivers.moteus import MoteusBusSettings, MoteusMotor
-from palpate.sim_backend.emulators.can_line import EmulatedMotor, make_can_wire, mounting_of
+from palpate.sim_backend.emulators.can_line import EmulatedMotor, make_can_wire
 from palpate.sim_backend.emulators.hardware import EmulatedWire, Plant
 from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
@@ -36,18 +36,16 @@ _DEFAULTS = {0x20: 0.0, 0x21: 0.0, 0x22: 0.0, 0x23: 1.0, 0x24: 1.0, 0x27: 0.0, 0
 
 
 class EmulatedMoteus(EmulatedMotor):
-    """One controller, see `EmulatedMotor`; its current limit allows `max_torque_nm` at the output [N m].
+    """One controller, see `EmulatedMotor`; its current limit allows `max_torque_nm` at the output.
 
     `known` is whether it knows its position.
     """
 
     known = True
 
-    def __init__(
-        self, number: int, joint: int, plant: Plant, *, max_torque_nm: float = math.inf, **mounting: float
-    ) -> None:
-        super().__init__(number, joint, plant, **mounting)
-        self._max_torque_nm = max_torque_nm
+    def __init__(self, motor: MoteusMotor, joint: int, plant: Plant) -> None:
+        super().__init__(motor.motor_id, joint, plant, motor)
+        self._max_torque_nm = motor.max_torque_nm
         self.mode, self.fault, self.home = STOPPED, 0, 2
         self._command = dict(_DEFAULTS)
 
@@ -148,8 +146,6 @@ class MoteusWires(WireMaker):
     name = "moteus_bus"
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
-        def node(joint: int, motor: MoteusMotor) -> EmulatedMoteus:
-            limit_nm, plant = motor.max_torque_nm, request.plant
-            return EmulatedMoteus(motor.motor_id, joint, plant, max_torque_nm=limit_nm, **mounting_of(motor))
-
-        return make_can_wire(request, request.settings_as(MoteusBusSettings).motors, node)
+        motors = request.settings_as(MoteusBusSettings).motors
+        nodes = [EmulatedMoteus(motor, joint, request.plant) for joint, motor in enumerate(motors)]
+        return make_can_wire(request, nodes)

@@ -11,7 +11,7 @@ from typing import Any
 import can
 
 from palpate.robot_io.drivers.odrive import OdriveAxis, OdriveBusSettings
-from palpate.sim_backend.emulators.can_line import EmulatedMotor, make_can_wire, mounting_of
+from palpate.sim_backend.emulators.can_line import EmulatedMotor, make_can_wire
 from palpate.sim_backend.emulators.hardware import EmulatedWire, Plant
 from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
@@ -19,43 +19,29 @@ IDLE, CLOSED_LOOP = 1, 8
 WATCHDOG_BIT = {"0.5": 1 << 11, "0.6": 1 << 24}
 ALERT_BIT = {"0.5": 1 << 6, "0.6": 1 << 14}  # MOTOR_FAILED; INVERTER_OVER_TEMP
 OVERSPEED_BIT = {"0.5": 1 << 9, "0.6": 1 << 15}  # CONTROLLER_FAILED; VELOCITY_LIMIT_VIOLATION
+_CYCLIC_S = 1e-3  # period of estimates and torques
 _TOLERANCE = 1.2  # times its velocity limit, as delivered
 ESTOP_BIT = {"0.5": 1 << 14, "0.6": 1 << 25}
 
 
 class EmulatedOdrive(EmulatedMotor):
-    """One axis, see `EmulatedMotor`, of firmware "0.5" or "0.6".
-
-    Its current limit allows `max_torque_nm` [N m]; it sends estimates and torques every `cyclic_s` [s]. A
-    `watchdog_s` of None is not enabled [s].
+    """One axis, see `EmulatedMotor`; its current limit allows `max_torque_nm`.
 
     Attributes:
+        watchdog_s: time without a frame after which it disarms; None is not enabled [s].
         velocity_limit_rev_s: beyond 1.2 times this an axis fails [rev/s]; as delivered 2.
         current_limit_a: current limit that was last set over CAN [A].
         velocity_limiter: limit [rev/s] and gain [N m s/rev] of the torque limiter, as delivered 2 and
             1/6; None: switched off.
     """
 
-    def __init__(
-        self,
-        number: int,
-        joint: int,
-        plant: Plant,
-        *,
-        firmware: str,
-        max_torque_nm: float,
-        torque_constant_nm_a: float = 1.0,
-        heartbeat_s: float = 0.1,
-        cyclic_s: float = 1e-3,
-        watchdog_s: float | None = 0.1,
-        **mounting: float,
-    ) -> None:
-        super().__init__(number, joint, plant, **mounting)
-        self._firmware = firmware
-        self._max_torque_nm, self._torque_constant = max_torque_nm, torque_constant_nm_a
-        self._heartbeat_s, self._cyclic_s, self.watchdog_s = heartbeat_s, cyclic_s, watchdog_s
-        self._next_heartbeat_s = heartbeat_s
-        self._next_cyclic_s = cyclic_s
+    def __init__(self, axis: OdriveAxis, joint: int, plant: Plant, settings: OdriveBusSettings) -> None:
+        super().__init__(axis.node_id, joint, plant, axis)
+        self._firmware, self._max_torque_nm = settings.firmware, axis.max_torque_nm
+        self._torque_constant = axis.torque_constant_nm_a or 1.0
+        self.watchdog_s: float | None = settings.watchdog_s
+        self._heartbeat_s = self._next_heartbeat_s = settings.heartbeat_s
+        self._next_cyclic_s = _CYCLIC_S
         self.velocity_limit_rev_s, self.current_limit_a = math.inf, math.nan
         self.velocity_limiter: tuple[float, float] | None = None
         self.supply_v = 24.0
@@ -131,7 +117,7 @@ class EmulatedOdrive(EmulatedMotor):
             self._disarm(OVERSPEED_BIT[self._firmware])
         messages = []
         if now_s >= self._next_cyclic_s - 1e-9:
-            self._next_cyclic_s = max(self._next_cyclic_s, now_s) + self._cyclic_s
+            self._next_cyclic_s = max(self._next_cyclic_s, now_s) + _CYCLIC_S
             messages += [self._encoder_estimates(), self._torque()]
         if now_s >= self._next_heartbeat_s - 1e-9:
             self._next_heartbeat_s = max(self._next_heartbeat_s, now_s) + self._heartbeat_s
@@ -170,19 +156,6 @@ class OdriveWires(WireMaker):
     name = "odrive_bus"
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
-        settings = request.settings_as(OdriveBusSettings)
-
-        def node(joint: int, axis: OdriveAxis) -> EmulatedOdrive:
-            return EmulatedOdrive(
-                axis.node_id,
-                joint,
-                request.plant,
-                firmware=settings.firmware,
-                max_torque_nm=axis.max_torque_nm,
-                torque_constant_nm_a=axis.torque_constant_nm_a or 1.0,
-                heartbeat_s=settings.heartbeat_s,
-                watchdog_s=settings.watchdog_s,
-                **mounting_of(axis),
-            )
-
-        return make_can_wire(request, settings.axes, node)
+        settings, plant = request.settings_as(OdriveBusSettings), request.plant
+        nodes = [EmulatedOdrive(axis, joint, plant, settings) for joint, axis in enumerate(settings.axes)]
+        return make_can_wire(request, nodes)

@@ -2,7 +2,6 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
 from math import exp
 from typing import Generic, TypeVar
 
@@ -15,26 +14,19 @@ from palpate.sim_backend.imperfection import ContactImperfection, Values, parame
 from palpate.sim_backend.noise_scale import NoiseScale
 
 
-class _MaterialImperfection(ContactImperfection, ABC):
-    """A force on top of the object's own law, below the surface."""
+class _MaterialImperfection(ContactImperfection, MaterialEffect, ABC):
+    """A force on top of the object's own law, below the surface; without a memory."""
 
     def effects(self, joint_count: int) -> HiddenEffects:
-        return HiddenEffects(contact=(_AddedForce(self._added_n),))
+        return HiddenEffects(contact=(self,))
+
+    def contact_force_n(self, state: ContactState, force_n: float) -> float:
+        """Add the force of the material below the surface, and nothing above it."""
+        return force_n + self._added_n(state.depth_m, state.rate_m_s) if state.depth_m > 0.0 else force_n
 
     @abstractmethod
     def _added_n(self, depth_m: float, rate_m_s: float) -> float:
         """Compute the force on the tip [N] at a depth above 0 [m] and a rate, positive inwards [m/s]."""
-
-
-@dataclass(frozen=True)
-class _AddedForce(MaterialEffect):
-    added_n: Callable[[float, float], float]  # see `_MaterialImperfection._added_n`
-
-    def contact_force_n(self, state: ContactState, force_n: float) -> float:
-        """Add the force of the material below the surface, and nothing above it."""
-        if state.depth_m <= 0.0:
-            return force_n
-        return force_n + self.added_n(state.depth_m, state.rate_m_s)
 
 
 class HiddenCubicStiffness(_MaterialImperfection):
@@ -114,7 +106,7 @@ class HiddenQuadraticDamping(_MaterialImperfection):
         return {"damping_n_s2_m2": strength * scale.contact_noise_n / (0.7 * scale.speed_m_s**2)}
 
 
-class HiddenContactOffset(ContactImperfection):
+class HiddenContactOffset(ContactImperfection, MaterialEffect):
     """The object feels x + d: its surface is higher by d than the scenario states.
 
     The effect is visible only if the surface is assumed to be known. A probing run finds it by touch.
@@ -126,7 +118,11 @@ class HiddenContactOffset(ContactImperfection):
     offset_m: Number = parameter("m", -0.005, 0.005, ge=-0.5, le=0.5)  # d [m]
 
     def effects(self, joint_count: int) -> HiddenEffects:
-        return HiddenEffects(contact=(_SurfaceOffset(self.offset_m),))
+        return HiddenEffects(contact=(self,))
+
+    def transform_state(self, state: ContactState) -> ContactState:
+        """Raise the surface by d."""
+        return state._replace(depth_m=state.depth_m + self.offset_m)
 
     @classmethod
     def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
@@ -135,22 +131,15 @@ class HiddenContactOffset(ContactImperfection):
         return {"offset_m": sign * strength * scale.contact_noise_n * scale.depth_m / scale.force_n}
 
 
-@dataclass(frozen=True)
-class _SurfaceOffset(MaterialEffect):
-    offset_m: float
-
-    def transform_state(self, state: ContactState) -> ContactState:
-        """Raise the surface by d."""
-        return state._replace(depth_m=state.depth_m + self.offset_m)
-
-
+Hidden = TypeVar("Hidden")
 T = TypeVar("T")
 
 
-class _StatefulContact(ContactEffect, Generic[T]):
-    """Memory after the last completed step (`confirmed`), and after the last call (`tried`)."""
+class _StatefulContact(ContactEffect, Generic[Hidden, T]):
+    """Memory of a hidden effect after the last completed step (`confirmed`), and the last call (`tried`)."""
 
-    def __init__(self, initial: T) -> None:
+    def __init__(self, hidden: Hidden, initial: T) -> None:
+        self._hidden = hidden
         self.confirmed = self.tried = initial
 
     def commit_state(self) -> None:
@@ -171,25 +160,21 @@ class HiddenAdhesion(ContactImperfection):
     neck_m: Positive = parameter("m", 1e-4, 5e-3, ge=1e-5, le=0.1, default=1e-3)
 
     def effects(self, joint_count: int) -> HiddenEffects:
-        return HiddenEffects(contact=(_AdhesiveBond(self),))
+        return HiddenEffects(contact=(_AdhesiveBond(self, False),))
 
     @classmethod
     def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         return {"pull_off_n": strength * scale.contact_noise_n, "neck_m": 0.1 * scale.depth_m}
 
 
-class _AdhesiveBond(_StatefulContact[bool]):
+class _AdhesiveBond(_StatefulContact[HiddenAdhesion, bool]):
     """State of the adhesive bond: whether it holds."""
-
-    def __init__(self, surface: HiddenAdhesion) -> None:
-        super().__init__(False)
-        self._surface = surface
 
     def contact_force_n(self, state: ContactState, force_n: float) -> float:
         """Subtract the pull of the bond: A below the surface, A (1 + x / neck) above it until it tears."""
-        bond_share = 1.0 + state.depth_m / self._surface.neck_m
+        bond_share = 1.0 + state.depth_m / self._hidden.neck_m
         self.tried = state.depth_m > 0.0 or (self.confirmed and bond_share > 0.0)
-        return force_n - self._surface.pull_off_n * min(bond_share, 1.0) if self.tried else force_n
+        return force_n - self._hidden.pull_off_n * min(bond_share, 1.0) if self.tried else force_n
 
 
 class HiddenDryFriction(ContactImperfection):
@@ -205,19 +190,15 @@ class HiddenDryFriction(ContactImperfection):
     slip_m: Number = parameter("m", 2e-5, 1e-3, ge=1e-6, le=0.1, default=2e-4)
 
     def effects(self, joint_count: int) -> HiddenEffects:
-        return HiddenEffects(contact=(_BristleFriction(self),))
+        return HiddenEffects(contact=(_BristleFriction(self, (0.0, 0.0)),))
 
     @classmethod
     def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         return {"friction_n": strength * scale.contact_noise_n / 0.5, "slip_m": 0.01 * scale.depth_m}
 
 
-class _BristleFriction(_StatefulContact[tuple[float, float]], MaterialEffect):
+class _BristleFriction(_StatefulContact[HiddenDryFriction, tuple[float, float]], MaterialEffect):
     """State of the friction: depth [m] and force [N]."""
-
-    def __init__(self, friction: HiddenDryFriction) -> None:
-        super().__init__((0.0, 0.0))
-        self._friction = friction
 
     def contact_force_n(self, state: ContactState, force_n: float) -> float:
         """Add z = f + (z0 - f) exp(-abs(dx) / s) in contact.
@@ -227,8 +208,8 @@ class _BristleFriction(_StatefulContact[tuple[float, float]], MaterialEffect):
         before_m, before_n = self.confirmed
         depth_m = max(state.depth_m, 0.0)
         step_m = depth_m - before_m
-        sliding_n = self._friction.friction_n if step_m > 0.0 else -self._friction.friction_n
-        bristle_n = sliding_n + (before_n - sliding_n) * exp(-abs(step_m) / self._friction.slip_m)
+        sliding_n = self._hidden.friction_n if step_m > 0.0 else -self._hidden.friction_n
+        bristle_n = sliding_n + (before_n - sliding_n) * exp(-abs(step_m) / self._hidden.slip_m)
         self.tried = depth_m, bristle_n if depth_m else 0.0
         return force_n + self.tried[1]
 
@@ -250,7 +231,7 @@ class HiddenStressRelaxation(ContactImperfection):
     def effects(self, joint_count: int) -> HiddenEffects:
         second = self.second_stiffness_n_m, self.second_time_s
         branches = [(self.stiffness_n_m, self.time_s), *([second] if self.second_stiffness_n_m else [])]
-        return HiddenEffects(contact=tuple(_MaxwellBranch(*branch) for branch in branches))
+        return HiddenEffects(contact=tuple(_MaxwellBranch(branch, (0.0, 0.0)) for branch in branches))
 
     def values(self) -> dict[str, tuple[float, str]]:
         """See `Imperfection.values`; a second branch only where there is one."""
@@ -268,21 +249,15 @@ class HiddenStressRelaxation(ContactImperfection):
         }
 
 
-class _MaxwellBranch(_StatefulContact[tuple[float, float]], MaterialEffect):
+class _MaxwellBranch(_StatefulContact[tuple[float, float], tuple[float, float]], MaterialEffect):
     """State of one branch: depth [m] and force [N]; exact if the depth rate is constant within a step."""
-
-    def __init__(self, stiffness_n_m: float, time_s: float) -> None:
-        super().__init__((0.0, 0.0))
-        self._stiffness_n_m = stiffness_n_m
-        self._time_s = time_s
 
     def contact_force_n(self, state: ContactState, force_n: float) -> float:
         """Add F = F0 exp(-h / tau) + k dx (1 - exp(-h / tau)) tau / h in contact, with h the step."""
-        before_m, before_n = self.confirmed
-        depth_m = max(state.depth_m, 0.0)
-        steps = state.step_s / self._time_s
+        (stiffness_n_m, time_s), (before_m, before_n) = self._hidden, self.confirmed
+        depth_m, steps = max(state.depth_m, 0.0), state.step_s / time_s
         fade = exp(-steps)
-        own_n = fade * before_n + self._stiffness_n_m * (depth_m - before_m) * (1.0 - fade) / steps
+        own_n = fade * before_n + stiffness_n_m * (depth_m - before_m) * (1.0 - fade) / steps
         self.tried = depth_m, own_n
         return force_n + own_n if depth_m else force_n
 
@@ -302,23 +277,19 @@ class HiddenPlasticSet(ContactImperfection):
     recovery_s: NotNegative = parameter("s", 0.0, 60.0, default=0.0)
 
     def effects(self, joint_count: int) -> HiddenEffects:
-        return HiddenEffects(contact=(_PlasticIndentation(self),))
+        return HiddenEffects(contact=(_PlasticIndentation(self, 0.0),))
 
     @classmethod
     def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         return {"share": min(strength * scale.contact_noise_n / (0.15 * scale.force_n), 0.6)}
 
 
-class _PlasticIndentation(_StatefulContact[float], MaterialEffect):
+class _PlasticIndentation(_StatefulContact[HiddenPlasticSet, float], MaterialEffect):
     """State of the dent: its depth [m]."""
-
-    def __init__(self, surface: HiddenPlasticSet) -> None:
-        super().__init__(0.0)
-        self._surface = surface
 
     def transform_state(self, state: ContactState) -> ContactState:
         """Lower the surface to the dent, which deepens to s x and fades while nothing presses."""
-        share, recovery_s = self._surface.share, self._surface.recovery_s
+        share, recovery_s = self._hidden.share, self._hidden.recovery_s
         dent_m, dent_rate_m_s = self.confirmed, 0.0
         if recovery_s:
             dent_m *= exp(-state.step_s / recovery_s)

@@ -3,7 +3,6 @@
 import xml.etree.ElementTree as ET
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import cos, exp, sin
 
 from numpy.random import Generator
@@ -11,6 +10,7 @@ from numpy.random import Generator
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import NotNegative, Number, Positive
 from palpate.robot_io.files.urdf_text import joints_to_root, linked_name, parse_urdf
+from palpate.robot_io.types import clip
 from palpate.sim_backend.hooks import HiddenEffects, PlantEffect, Transducer
 from palpate.sim_backend.imperfection import (
     Imperfection,
@@ -29,8 +29,7 @@ class HiddenBias(SensorImperfection):
     bias: Number = parameter("channel", -2.0, 2.0)  # b [channel]
 
     def transducer(self) -> Transducer:
-        bias = self.bias
-        return lambda _time_s, value: value + bias
+        return lambda _time_s, value: value + self.bias
 
     @classmethod
     def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
@@ -52,8 +51,7 @@ class HiddenSensorGain(SensorImperfection):
     bend: Number = parameter("1/channel", -1e-3, 1e-3, ge=-0.1, le=0.1, default=0.0)
 
     def transducer(self) -> Transducer:
-        gain, bend = self.gain, self.bend
-        return lambda _time_s, value: gain * value * (1.0 + bend * value)
+        return lambda _time_s, value: self.gain * value * (1.0 + self.bend * value)
 
     @classmethod
     def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
@@ -73,8 +71,7 @@ class HiddenSaturation(SensorImperfection):
     limit: Positive = parameter("channel", 0.5, 50.0)  # L [channel]
 
     def transducer(self) -> Transducer:
-        limit = self.limit
-        return lambda _time_s, value: max(-limit, min(limit, value))
+        return lambda _time_s, value: clip(value, -self.limit, self.limit)
 
     @classmethod
     def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
@@ -94,8 +91,7 @@ class HiddenDeadband(SensorImperfection):
     half_width: NotNegative = parameter("channel", 0.02, 1.0)  # w [channel]
 
     def transducer(self) -> Transducer:
-        width = self.half_width
-        return lambda _time_s, value: value - max(-width, min(width, value))
+        return lambda _time_s, value: value - clip(value, -self.half_width, self.half_width)
 
     @classmethod
     def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
@@ -111,8 +107,7 @@ class HiddenQuantisation(SensorImperfection):
     step: NotNegative = parameter("channel", 0.02, 1.0)  # s [channel]
 
     def transducer(self) -> Transducer:
-        step = self.step
-        return lambda _time_s, value: round(value / step) * step if step else value
+        return lambda _time_s, value: round(value / self.step) * self.step if self.step else value
 
     @classmethod
     def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
@@ -237,7 +232,7 @@ class HiddenDelay(_Mechanical):
 _RADIUS_M = 0.01
 
 
-class HiddenPayload(JointImperfection):
+class HiddenPayload(JointImperfection, PlantEffect):
     """A small ball of mass m at the far end of a link: at the next joint, or at the tip.
 
     It has weight and inertia, and shows in the joint that moves the link and in those before it.
@@ -253,19 +248,13 @@ class HiddenPayload(JointImperfection):
         return tuple(channel_of(joint) for joint in range(1, self.joint + 1))
 
     def _effects(self, index: int, joint_count: int) -> HiddenEffects:
-        return HiddenEffects(plant=(_PointMass(index, self.mass_kg),)) if self.mass_kg else HiddenEffects()
+        return HiddenEffects(plant=(self,)) if self.mass_kg else HiddenEffects()
 
     @classmethod
     def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         """See `Imperfection._size_fields`; at the tip."""
         mass_kg = strength * scale.joint_noise_nm / scale.joint(channel).weight_nm_kg
         return {"joint": max(len(scale.joints), joint_of(channel)), "mass_kg": mass_kg}
-
-
-@dataclass(frozen=True)
-class _PointMass(PlantEffect):
-    index: int
-    mass_kg: float
 
     def urdf(self, urdf_text: str, tip_frame: str) -> str:
         """Add a link with the ball's mass and inertia, 2/5 m r^2, at the far end of its link."""
@@ -275,9 +264,9 @@ class _PointMass(PlantEffect):
             raise InputError(f"URDF: {error}") from error
         movable = [joint for joint in joints_to_root(robot, tip_frame)[::-1] if joint.get("type") != "fixed"]
         carrier, xyz = tip_frame, "0 0 0"
-        if self.index + 1 < len(movable):
-            carrier = linked_name(movable[self.index + 1], "parent")
-            if (origin := movable[self.index + 1].find("origin")) is not None:
+        if self.joint < len(movable):
+            carrier = linked_name(movable[self.joint], "parent")
+            if (origin := movable[self.joint].find("origin")) is not None:
                 xyz = origin.get("xyz", xyz)
         name = f"hidden_payload_{len(robot.findall('link'))}"
         inertial = ET.SubElement(ET.SubElement(robot, "link", name=name), "inertial")
@@ -291,7 +280,7 @@ class _PointMass(PlantEffect):
         return ET.tostring(robot, encoding="unicode")
 
 
-class HiddenGravityTilt(Imperfection):
+class HiddenGravityTilt(Imperfection, PlantEffect):
     """Gravity is rotated relative to the arm's base, g = R^T (0, 0, -9.81): the table is not level.
 
     R turns the base by `pitch_rad` about its y axis, x dipping, after `roll_rad` about its x axis. The object
@@ -310,18 +299,12 @@ class HiddenGravityTilt(Imperfection):
 
     def effects(self, joint_count: int) -> HiddenEffects:
         """See `Imperfection.effects`; gravity is that of the whole arm."""
-        return HiddenEffects(plant=(_TiltedGravity(self.pitch_rad, self.roll_rad),))
+        return HiddenEffects(plant=(self,))
 
     @classmethod
     def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         sign = generator.choice([-1.0, 1.0])
         return {"pitch_rad": sign * strength * scale.joint_noise_nm / scale.joint(channel).tilt_nm_rad}
-
-
-@dataclass(frozen=True)
-class _TiltedGravity(PlantEffect):
-    pitch_rad: float
-    roll_rad: float
 
     def gravity_m_s2(self, gravity_m_s2: Sequence[float]) -> Sequence[float]:
         """Turn gravity into the tilted base's frame: back about y, then about x."""

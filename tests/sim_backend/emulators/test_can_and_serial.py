@@ -8,6 +8,8 @@ import can
 import cantools
 import pytest
 
+from palpate.robot_io.drivers.mit.settings import MitBusSettings
+from palpate.robot_io.drivers.odrive import OdriveBusSettings
 from palpate.robot_io.robot_file import load_robot_file
 from palpate.sim_backend.emulators.hardware import Plant
 from palpate.sim_backend.emulators.mit import EmulatedMitMotor
@@ -34,8 +36,16 @@ def frame(can_id, data=b"", *, remote=False):
 
 
 def odrive(plant, firmware="0.6", **details):
-    details = {"gear_ratio": -9.0, "zero_rad": 0.1, "max_torque_nm": 2.0} | details
-    return EmulatedOdrive(1, 0, plant, firmware=firmware, **details)
+    axis = {"node_id": 1, "gear_ratio": 9.0, "reversed": True, "zero_rad": 0.1, "max_torque_nm": 2.0}
+    axis |= {"torque_constant_nm_a": 0.5}
+    settings = OdriveBusSettings(interface="virtual", channel=0, firmware=firmware, axes=[axis], **details)
+    return EmulatedOdrive(settings.axes[0], 0, plant, settings)
+
+
+def mit_motor(plant):
+    motor = {"motor_id": 3, "model": "AK70-10"}
+    settings = MitBusSettings(interface="virtual", channel=0, motors=[motor])
+    return EmulatedMitMotor(settings.motors[0], 0, plant, settings)
 
 
 def arm(node, now_s=0.01):
@@ -45,7 +55,7 @@ def arm(node, now_s=0.01):
 
 @pytest.mark.parametrize("firmware", ["0.5", "0.6"])
 def test_axis_messages_match_the_dbc_file(plant, firmware):
-    node = odrive(plant, firmware, torque_constant_nm_a=0.5)
+    node = odrive(plant, firmware)
     database = cantools.database.load_file(DBC / f"odrive_0_{firmware[2]}.dbc")
     told = {}
     for message in node.send_unrequested(0.2):
@@ -94,7 +104,7 @@ def test_only_0_6_answers_get_version_and_a_motor_each_frame_with_its_state(plan
     assert bytes(answer.data)[4:7] == bytes((0, 6, 10))
     assert odrive(plant, "0.5").receive(frame(0x20, remote=True), 0.0) == []
     assert odrive(plant).receive(frame(0x40, remote=True), 0.0) == []  # another node
-    motor = EmulatedMitMotor(3, 0, plant, limits=(12.5, 50.0, 25.0))
+    motor = mit_motor(plant)
     (answer,) = motor.receive(frame(3, b"\xff" * 7 + b"\xfc"), 0.01)
     number, position, velocity, torque, _, error = bitstruct.unpack("u8u16u12u12u8u8", bytes(answer.data))
     assert (answer.arbitration_id, number, error) == (0, 3, 0)
@@ -106,7 +116,7 @@ def test_only_0_6_answers_get_version_and_a_motor_each_frame_with_its_state(plan
 
 
 def test_enabled_motor_exerts_its_feedforward_torque_and_gains(plant):
-    motor = EmulatedMitMotor(3, 0, plant, limits=(12.5, 50.0, 25.0), timeout_s=0.1)
+    motor = mit_motor(plant)
     push = bitstruct.pack("u16u12u12u12u12", 32768, 2048, 0, 0, 3000)
     motor.receive(frame(3, push), 0.01)
     assert not plant.world.truth().drive_torque_nm.any()
