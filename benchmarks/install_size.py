@@ -11,10 +11,10 @@ import json
 import subprocess
 import sys
 import tempfile
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+from harness import ROOT, arguments, print_table
+
 NOT_COUNTED = ("pip", "setuptools")
 BLOCK_BYTES = 512  # unit of st_blocks
 LISTING = """
@@ -35,7 +35,7 @@ def disk_megabytes(paths: list[str]) -> tuple[float, float]:
 
 def main() -> None:
     """Install, and print one line for each distribution, the largest first."""
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
+    parser = arguments(__doc__)
     parser.add_argument("--extras", default="", help="extras to install, separated by commas")
     parser.add_argument("--least-mb", type=float, default=1.0, help="smaller distributions are added up")
     chosen = parser.parse_args()
@@ -49,13 +49,10 @@ def main() -> None:
         sizes = {name: disk_megabytes(files) for name, files in named if name not in NOT_COUNTED}
     small = [name for name, size in sizes.items() if sum(size) < chosen.least_mb]
     rows = sorted(((name, *sizes[name]) for name in sizes.keys() - small), key=lambda row: -sum(row[1:]))
-    rows += [
-        (text, sum(sizes[name][0] for name in names), sum(sizes[name][1] for name in names))
-        for text, names in ((f"{len(small)} others", small), ("all", list(sizes)))
-    ]
-    print(f"MB on CPython {sys.version.split()[0]:16}    files  bytecode       sum")
-    for name, files, bytecode in rows:
-        print(f"{name:30}{files:9.1f} {bytecode:9.1f} {files + bytecode:9.1f}")
+    for text, names in ((f"{len(small)} others", small), ("all", list(sizes))):
+        rows.append((text, *(sum(sizes[name][part] for name in names) for part in (0, 1))))
+    cells = [(name, *(f"{size:.1f}" for size in (*each, sum(each)))) for name, *each in rows]
+    print_table(f"MB on CPython {sys.version.split()[0]}", ("", "files", "bytecode", "sum"), cells)
 
 
 if __name__ == "__main__":

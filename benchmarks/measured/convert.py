@@ -340,26 +340,25 @@ _ROS_NUMBERS = {
 }
 
 
-def _bag_fields(content: bytes) -> Iterator[tuple[str, bytes]]:
-    """Names and values of the fields of a header of a ROS bag."""
+def _blocks(content: bytes) -> Iterator[bytes]:
+    """Parts of a ROS bag, each of which states its length ahead."""
     at = 0
     while at < len(content):
-        length = struct.unpack_from("<I", content, at)[0]
-        key, _, value = content[at + 4 : at + 4 + length].partition(b"=")
-        yield key.decode(), value
+        (length,) = struct.unpack_from("<I", content, at)
+        yield content[at + 4 : at + 4 + length]
         at += 4 + length
+
+
+def _bag_fields(content: bytes) -> dict[str, bytes]:
+    """Values of the fields of a header of a ROS bag by their names."""
+    return {key.decode(): value for key, _, value in (field.partition(b"=") for field in _blocks(content))}
 
 
 def _bag_records(content: bytes) -> Iterator[tuple[dict[str, bytes], bytes]]:
     """Header fields and data of the records of a ROS bag, those in its chunks too."""
-    at = 0
-    while at < len(content):
-        size = struct.unpack_from("<I", content, at)[0]
-        fields = dict(_bag_fields(content[at + 4 : at + 4 + size]))
-        at += 4 + size
-        length = struct.unpack_from("<I", content, at)[0]
-        data = content[at + 4 : at + 4 + length]
-        at += 4 + length
+    blocks = _blocks(content)
+    for header, data in zip(blocks, blocks, strict=True):
+        fields = _bag_fields(header)
         if fields["op"] == b"\x05":
             yield from _bag_records(bz2.decompress(data) if fields["compression"] == b"bz2" else data)
         else:
@@ -419,7 +418,7 @@ def read_bag(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
             topics.add(fields["topic"].decode())
             if fields["topic"].decode() != options["topic"]:
                 continue
-            about = dict(_bag_fields(data))
+            about = _bag_fields(data)
             kind = about["type"].decode()
             connections[fields["conn"]] = kind, _ros_types(kind, about["message_definition"].decode())
         elif fields["op"] == b"\x02" and fields["conn"] in connections:

@@ -1,6 +1,5 @@
 """Whether a diagnosis is right, and the tables of many."""
 
-import json
 import math
 import time
 from collections import Counter, defaultdict
@@ -11,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from pydantic import TypeAdapter
 
 from palpate.estimation.diagnosis import ChannelDiagnosis, diagnose
 from palpate.estimation.diagnosis.candidates import effect_library
@@ -85,13 +85,7 @@ class CaseOutcome:
 
 def from_record(line: str) -> CaseOutcome:
     """An outcome back from its line of JSON."""
-    fields = json.loads(line)
-    fields["job"] = CaseSpec(**fields["job"] | {"hidden": tuple(fields["job"]["hidden"])})
-    fields["rmse"] = fields["rmse"] and tuple(fields["rmse"])
-    for interval in fields["intervals"]:
-        del interval["holds"]
-    fields["intervals"] = [Interval(**interval) for interval in fields["intervals"]]
-    return CaseOutcome(**fields)
+    return TypeAdapter(CaseOutcome).validate_json(line)
 
 
 def run(job: CaseSpec, seed: int) -> CaseOutcome | None:
