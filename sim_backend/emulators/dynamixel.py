@@ -14,7 +14,6 @@ from palpate.sim_backend.emulators.hardware import EmulatedWire
 from palpate.sim_backend.emulators.servo_wire import (
     BROADCAST,
     REBOOT_S,
-    InstructionParser,
     LineServo,
     ServoInstruction,
     ServoReply,
@@ -52,31 +51,29 @@ def _divide(byte: int) -> int:
 _QUOTIENTS = [_divide(byte) for byte in range(256)]
 
 
-class DynamixelParser(InstructionParser):
-    """Parses instructions from received bytes."""
+def parse_instruction(pending: bytearray) -> ServoInstruction | None:
+    """Remove and return the next complete instruction; see `ServoWire._parse`.
 
-    def _next(self) -> ServoInstruction | None:
-        pending = self._pending
-        while True:
-            begin = pending.find(_START)
-            if begin < 0:
-                del pending[: max(0, len(pending) - 2)]
-                return None
-            del pending[:begin]
-            if len(pending) < 7:
-                return None
-            length = pending[5] + 256 * pending[6]
-            if pending[3] == _STUFFING or not 3 <= length <= _TOO_LONG:
-                del pending[:3]  # stuffed data, or noise that looked like a start
-                continue
-            if len(pending) < 7 + length:
-                return None
-            packet = bytes(pending[: 7 + length])
-            del pending[: 7 + length]
-            sent = packet[-2] + 256 * packet[-1]
-            body = packet[7:-2].replace(_STUFFED, _START)
-            intact = checksum(packet[:-2]) == sent
-            return ServoInstruction(packet[4], body[0], body[1:], len(packet), intact)
+    Args:
+        pending: received bytes.
+    """
+    while (begin := pending.find(_START)) >= 0:
+        del pending[:begin]
+        if len(pending) < 7:
+            return None
+        length = pending[5] + 256 * pending[6]
+        if pending[3] == _STUFFING or not 3 <= length <= _TOO_LONG:
+            del pending[:3]  # stuffed data, or noise that looked like a start
+            continue
+        if len(pending) < 7 + length:
+            return None
+        packet = bytes(pending[: 7 + length])
+        del pending[: 7 + length]
+        sent = packet[-2] + 256 * packet[-1]
+        body = packet[7:-2].replace(_STUFFED, _START)
+        return ServoInstruction(packet[4], body[0], body[1:], len(packet), checksum(packet[:-2]) == sent)
+    del pending[: max(0, len(pending) - 2)]
+    return None
 
 
 def status(servo_id: int, error: int, data: bytes = b"") -> bytes:
@@ -119,7 +116,7 @@ _SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x82, 0x83, 0x8A
 class EmulatedDynamixelLine(ServoWire[EmulatedServo]):
     """Servos of one line, see `ServoWire`."""
 
-    parser = DynamixelParser
+    _parse = staticmethod(parse_instruction)
     _servo = staticmethod(EmulatedServo)
     _status = staticmethod(status)
 

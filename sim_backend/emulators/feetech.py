@@ -12,7 +12,6 @@ from typing import Any
 from palpate.robot_io.drivers.feetech.tables import FeetechServo, FeetechSettings
 from palpate.sim_backend.emulators.hardware import EmulatedWire, Shaft
 from palpate.sim_backend.emulators.servo_wire import (
-    InstructionParser,
     LineServo,
     ServoInstruction,
     ServoReply,
@@ -21,25 +20,26 @@ from palpate.sim_backend.emulators.servo_wire import (
 from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
 
-class FeetechParser(InstructionParser):
-    """Parses instructions from received bytes; damaged instructions get no answer."""
+def parse_instruction(pending: bytearray) -> ServoInstruction | None:
+    """See `ServoWire._parse`; damaged instructions get no answer.
 
-    def _next(self) -> ServoInstruction | None:
-        pending = self._pending
-        while len(pending) >= 6:
-            if pending[0] != 0xFF or pending[1] != 0xFF or pending[3] < 2:
-                del pending[0]
-                continue
-            total = pending[3] + 4
-            if len(pending) < total:
-                return None
-            if _inverted_sum(pending[2 : total - 1]) != pending[total - 1]:
-                del pending[0]
-                continue
-            packet = bytes(pending[:total])
-            del pending[:total]
-            return ServoInstruction(packet[2], packet[4], packet[5:-1], total)
-        return None
+    Args:
+        pending: received bytes.
+    """
+    while len(pending) >= 6:
+        if pending[0] != 0xFF or pending[1] != 0xFF or pending[3] < 2:
+            del pending[0]
+            continue
+        total = pending[3] + 4
+        if len(pending) < total:
+            return None
+        if _inverted_sum(pending[2 : total - 1]) != pending[total - 1]:
+            del pending[0]
+            continue
+        packet = bytes(pending[:total])
+        del pending[:total]
+        return ServoInstruction(packet[2], packet[4], packet[5:-1], total)
+    return None
 
 
 def _inverted_sum(content: bytes | bytearray) -> int:
@@ -241,7 +241,7 @@ _PING, _READ, _WRITE, _SYNC_READ, _SYNC_WRITE = 0x01, 0x02, 0x03, 0x82, 0x83
 class EmulatedFeetechLine(ServoWire[EmulatedSts]):
     """Servos of one line, see `ServoWire`."""
 
-    parser = FeetechParser
+    _parse = staticmethod(parse_instruction)
     _servo = staticmethod(EmulatedSts)
     _status = staticmethod(status)
 

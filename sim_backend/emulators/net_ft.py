@@ -33,7 +33,7 @@ def record(sequence: int, measurement: int, status: int, counts: list[int]) -> b
 
 
 class EmulatedNetFt(SerialSensor):
-    """One force-torque sensor with a force on one axis (from 0), up to a capacity [N].
+    """One force-torque sensor with a force on one axis, up to its capacity.
 
     Attributes:
         enabled: whether RDT is switched on.
@@ -42,9 +42,11 @@ class EmulatedNetFt(SerialSensor):
         measures: whether it takes new measurements; otherwise it repeats the last one.
     """
 
-    def __init__(self, axis: int, capacity_n: float, counts_per_force: float, unit: str) -> None:
-        self.range_n, self.enabled, self.rate_hz, self.status, self.measures = capacity_n, True, 1000, 0, True
-        self._axis, self.counts_per_force, self.unit = axis, counts_per_force, unit
+    def __init__(self, settings: NetFtSettings) -> None:
+        super().__init__(settings)
+        self.range_n, self._axis = settings.capacity_n, "xyz".index(settings.axis)
+        self.counts_per_force, self.unit = settings.counts_per_force, settings.unit
+        self.enabled, self.rate_hz, self.status, self.measures = True, 1000, 0, True
         self._timer = StreamTimer(self.rate_hz)
         self._sequence = self._measurement = 0
 
@@ -159,9 +161,5 @@ class NetFtWires(WireMaker):
             raise request.refusal("a net_ft_line is emulated with a force sensor of the driver 'net_ft' only")
         settings = request.force_settings_as(NetFtSettings)
         check_unit(settings.unit, request)
-        sensor = EmulatedNetFt(
-            "xyz".index(settings.axis), settings.capacity_n, settings.counts_per_force, settings.unit
-        )
-        sensor.sign = -1.0 if settings.reversed else 1.0
-        line = EmulatedNetFtLine(sensor, request.plant, request.faults)
+        line = EmulatedNetFtLine(EmulatedNetFt(settings), request.plant, request.faults)
         return line, {"host": "127.0.0.1", "rdt_port": line.rdt_port, "http_port": line.http_port}

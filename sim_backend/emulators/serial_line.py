@@ -7,10 +7,9 @@ import tty
 from abc import ABC, abstractmethod
 from math import inf
 
+from palpate.robot_io.drivers.serial_force.line import SerialForceSettings
 from palpate.sim_backend.emulators.faults import Device, FaultKind, Faults, FrameWire
 from palpate.sim_backend.emulators.hardware import Plant, baud_rate_matches
-
-_RANGE_N = 1e3  # reading of a saturated sensor without its own range
 
 
 class StreamTimer:
@@ -59,10 +58,12 @@ class SerialSensor(ABC):
     """Emulated sensor at the end of the line."""
 
     name = "force"
-    sign = 1.0
-    range_n: float = _RANGE_N  # end of its range [N]
+    range_n: float  # end of its range [N]
     _timer: StreamTimer
     _silent_until_s = -inf
+
+    def __init__(self, settings: SerialForceSettings) -> None:
+        self.sign = -1.0 if settings.reversed else 1.0
 
     def receive(self, data: bytes, now_s: float) -> bytes:
         """Act on bytes from the host, unless the sensor is starting, and return the answer.

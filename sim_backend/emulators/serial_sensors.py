@@ -26,10 +26,11 @@ _RATE_HZ = 500.0  # of gauges that send by themselves
 
 
 class EmulatedGauge(SerialSensor):
-    """One gauge, up to a capacity [N]; it writes lines such as "-12.34 N"."""
+    """One gauge, up to its capacity; it writes lines such as "-12.34 N"."""
 
-    def __init__(self, capacity_n: float) -> None:
-        self.range_n = capacity_n
+    def __init__(self, settings: ForceLinesSettings) -> None:
+        super().__init__(settings)
+        self.range_n = settings.capacity_n
         self._timer = StreamTimer(_RATE_HZ)
         self._timer.start(0.0)
 
@@ -41,19 +42,18 @@ LBF_N = 4.4482216152605
 
 
 class EmulatedLoadstar(SerialSensor):
-    """One interface with its load cell; readings go a fifth beyond its capacity [N].
+    """One interface with its load cell, in pounds; readings go a fifth beyond its capacity.
 
     Attributes:
         width: characters of a reading; 0 pads none, as some interfaces do.
     """
 
-    width = 12
+    width, _unit = 12, "lb"
 
-    def __init__(self, capacity_n: float, unit: str = "lb", rate_hz: float = 500.0) -> None:
-        self.range_n = 1.2 * capacity_n
-        self._unit, self._newtons = unit, {"lb": LBF_N, "N": 1.0}[unit]
-        self._capacity_n = capacity_n
-        self._timer = StreamTimer(rate_hz)
+    def __init__(self, settings: LoadstarSettings) -> None:
+        super().__init__(settings)
+        self.range_n, self._capacity_n = 1.2 * settings.capacity_n, settings.capacity_n
+        self._timer = StreamTimer(_RATE_HZ)
         self._tare_n = self._last_n = 0.0
         self._input = b""
 
@@ -75,7 +75,7 @@ class EmulatedLoadstar(SerialSensor):
             "": "A",
             "MODEL": "FCM DI-1000",
             "UNITS": self._unit,
-            "LC": f"{self._capacity_n / self._newtons:.3f}",
+            "LC": f"{self._capacity_n / LBF_N:.3f}",
             "CT0": "Tared",
             "TARE": "Tared",
             "W": self.reading(self._last_n).decode().strip(),
@@ -84,7 +84,7 @@ class EmulatedLoadstar(SerialSensor):
 
     def reading(self, force_n: float) -> bytes:
         self._last_n = force_n
-        return f"{(force_n - self._tare_n) / self._newtons:{self.width}.4f}\r\n".encode()
+        return f"{(force_n - self._tare_n) / LBF_N:{self.width}.4f}\r\n".encode()
 
     def _power_up(self, now_s: float) -> None:
         self._timer.stop()
@@ -119,14 +119,14 @@ def telegram(command: int, to: int, parameters: bytes = b"", sender: int = ADDRE
 
 
 class EmulatedLorenz(SerialSensor):
-    """One sensor with its counts at its nominal load [N], and the codes of its unit and of that load."""
+    """One sensor; its range is that of its counts."""
 
-    def __init__(
-        self, nominal_n: float, counts_at_nominal: float, dimension_code: int = 3, load_code: int = 100
-    ) -> None:
-        self.range_n = nominal_n * 32767 / counts_at_nominal
-        self._counts_per_n = counts_at_nominal / nominal_n
-        self._dimension_code, self._load_code = dimension_code, load_code
+    def __init__(self, settings: LorenzSettings) -> None:
+        super().__init__(settings)
+        nominal_n = settings.nominal_load * NEWTONS[settings.unit]
+        self.range_n = nominal_n * 32767 / settings.counts_at_nominal
+        self._counts_per_n = settings.counts_at_nominal / nominal_n
+        self._dimension_code, self._load_code = settings.dimension_code, settings.load_code
         self._timer = StreamTimer(1000.0)
         self._counter = 0
         self._input = b""
@@ -200,7 +200,7 @@ _SILENT = ("AOUT", "AOFF", "IPOL", "OPOL", "FULL", "NUM", "CUR")  # settings tha
 
 
 class EmulatedMark10(SerialSensor):
-    """One gauge; it reads a tenth beyond its capacity [N].
+    """One gauge; it reads a tenth beyond its capacity.
 
     Attributes:
         unit: command of the unit that it reads in.
@@ -209,8 +209,9 @@ class EmulatedMark10(SerialSensor):
 
     unit, unknown = "LB", ()
 
-    def __init__(self, capacity_n: float) -> None:
-        self.range_n = 1.1 * capacity_n
+    def __init__(self, settings: Mark10Settings) -> None:
+        super().__init__(settings)
+        self.range_n = 1.1 * settings.capacity_n
         self._input, self._due_s = b"", math.inf
 
     def _process(self, data: bytes, now_s: float) -> bytes:
@@ -258,14 +259,14 @@ def cell_line(text: str) -> bytes:
 
 
 class EmulatedCell(SerialSensor):
-    """One cell with newtons per count and a sample rate [Hz]."""
+    """One cell with its converter."""
 
-    def __init__(self, newtons_per_count: float, zero_counts: float = 0.0, rate_hz: int = 320) -> None:
+    def __init__(self, settings: MicrocontrollerCellSettings) -> None:
+        super().__init__(settings)
         self.range_n = math.inf
-        self._counts_per_n, self._zero = 1.0 / newtons_per_count, zero_counts
-        self._rate_hz = rate_hz
-        self._counter = 0
-        self._timer = StreamTimer(rate_hz)
+        self._counts_per_n, self._zero = 1.0 / settings.newtons_per_count, settings.zero_counts
+        self._rate_hz, self._counter = settings.rate_hz, 0
+        self._timer = StreamTimer(settings.rate_hz)
         self._timer.start(0.0)
 
     def _process(self, data: bytes, now_s: float) -> bytes:
@@ -316,7 +317,7 @@ def bota_frame(status: int, values: list[float], time_us: int) -> bytes:
 
 
 class EmulatedBota(SerialSensor):
-    """One force-torque sensor with a force on one axis (from 0), up to a capacity [N].
+    """One force-torque sensor with a force on one axis, up to its capacity.
 
     The length of its filter, which determines its rate, is stored in the sensor.
 
@@ -326,8 +327,10 @@ class EmulatedBota(SerialSensor):
         starts_until_s: end of its start, from which on it receives commands [s].
     """
 
-    def __init__(self, axis: int, capacity_n: float) -> None:
-        self.range_n, self._axis, self.status, self.refused = capacity_n, axis, 0, ""
+    def __init__(self, settings: BotaSettings) -> None:
+        super().__init__(settings)
+        self.range_n, self._axis = settings.capacity_n, "xyz".index(settings.axis)
+        self.status, self.refused = 0, ""
         self._saved = self._length = 512
         self._configures = False
         self.starts_until_s = 0.0
@@ -394,23 +397,12 @@ def check_unit(unit: str, request: WireRequest) -> None:
 
 # By driver: settings in the robot file, and the emulated sensor.
 _SENSORS: dict[str, tuple[type[SerialForceSettings], Callable[[Any], SerialSensor]]] = {
-    "bota": (BotaSettings, lambda settings: EmulatedBota("xyz".index(settings.axis), settings.capacity_n)),
-    "force_lines": (ForceLinesSettings, lambda settings: EmulatedGauge(settings.capacity_n)),
-    "loadstar": (LoadstarSettings, lambda settings: EmulatedLoadstar(settings.capacity_n)),
-    "lorenz": (
-        LorenzSettings,
-        lambda settings: EmulatedLorenz(
-            settings.nominal_load * NEWTONS[settings.unit],
-            settings.counts_at_nominal,
-            settings.dimension_code,
-            settings.load_code,
-        ),
-    ),
-    "mark10": (Mark10Settings, lambda settings: EmulatedMark10(settings.capacity_n)),
-    "microcontroller_cell": (
-        MicrocontrollerCellSettings,
-        lambda settings: EmulatedCell(settings.newtons_per_count, settings.zero_counts, settings.rate_hz),
-    ),
+    "bota": (BotaSettings, EmulatedBota),
+    "force_lines": (ForceLinesSettings, EmulatedGauge),
+    "loadstar": (LoadstarSettings, EmulatedLoadstar),
+    "lorenz": (LorenzSettings, EmulatedLorenz),
+    "mark10": (Mark10Settings, EmulatedMark10),
+    "microcontroller_cell": (MicrocontrollerCellSettings, EmulatedCell),
 }
 
 
@@ -431,10 +423,8 @@ class SerialWires(WireMaker):
         settings = request.force_settings_as(model)
         if isinstance(settings, LorenzSettings):
             check_unit(settings.unit, request)
-        sensor = make(settings)
-        sensor.sign = -1.0 if settings.reversed else 1.0
         line = PtyLine(
-            sensor,
+            make(settings),
             request.plant,
             request.faults,
             in_lock_step=request.in_lock_step,

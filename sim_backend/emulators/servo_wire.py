@@ -6,11 +6,11 @@ import pty
 import select
 import tty
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite
 from operator import attrgetter
-from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from palpate.robot_io.drivers.servo.joints import ServoMounting
 from palpate.sim_backend.emulators.faults import Fault, FaultKind, Faults
@@ -95,27 +95,6 @@ class ServoInstruction:
     intact: bool = True  # whether the checksum was right
 
 
-class InstructionParser(ABC):
-    """Parses instructions from received bytes."""
-
-    def __init__(self) -> None:
-        self._pending = bytearray()
-
-    def take(self, data: bytes) -> Iterator[ServoInstruction]:
-        """Yield the instructions that are complete now.
-
-        Args:
-            data: received bytes.
-        """
-        self._pending += data
-        while (instruction := self._next()) is not None:
-            yield instruction
-
-    @abstractmethod
-    def _next(self) -> ServoInstruction | None:
-        """Remove and return the next complete instruction; None if none is complete."""
-
-
 class ServoReply(NamedTuple):
     """Answer of one servo."""
 
@@ -152,7 +131,6 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
     """
 
     echoes = False
-    parser: ClassVar[type[InstructionParser]]
 
     def __init__(
         self,
@@ -176,7 +154,7 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
         self.servos: dict[int, ServoType] = {
             mounting.id: self._servo(mounting, shaft, start_s) for mounting, shaft in placed
         }
-        self._receiver = self.parser()
+        self._pending = bytearray()  # received bytes that were not parsed yet
         self._master, slave = pty.openpty()
         tty.setraw(slave)
         self.path = os.ttyname(slave)
@@ -197,6 +175,11 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
     @abstractmethod
     def _servo(mounting: Any, shaft: Any, now_s: float) -> Any:  # noqa: ANN401, of each maker
         """Make a servo on a shaft, or on None, that gets power now."""
+
+    @staticmethod
+    @abstractmethod
+    def _parse(pending: bytearray) -> ServoInstruction | None:
+        """Remove and return the next complete instruction; None if none is complete."""
 
     @abstractmethod
     def _execute(self, instruction: ServoInstruction, servo: ServoType, now_s: float) -> ServoReply | None:
@@ -232,7 +215,8 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
         data = self._incoming()
         if self.echoes and data:
             self._outgoing.append(ServoFrame(0, data, now_s))
-        for instruction in self._receiver.take(data):
+        self._pending += data
+        while (instruction := self._parse(self._pending)) is not None:
             awake = {servo_id: servo for servo_id, servo in self.servos.items() if now_s >= servo.awake_s}
             for servo in awake.values():
                 servo.heard_s = now_s

@@ -118,7 +118,7 @@ def test_all_servo_packets_are_decoded(servo_id, error, data):
 def test_emulated_servo_decodes_all_requests(servo_id, code, parameters):
     sent = protocol.DIALECT.encode_packet(servo_id, code, parameters)
     assert b"\xff\xff\xfd" not in sent[7:-2].replace(b"\xff\xff\xfd\xfd", b"")
-    (understood,) = dynamixel.DynamixelParser().take(sent)
+    understood = dynamixel.parse_instruction(bytearray(sent))
     assert (understood.target, understood.code, understood.parameters) == (servo_id, code, parameters)
     assert understood.intact
 

@@ -23,13 +23,14 @@ class LateLine:
 
     def __init__(self, clock, late_s, *, damaged):
         self._clock, self._late_s, self._damaged = clock, late_s, damaged
-        self._receiver, self._random = dynamixel.DynamixelParser(), random.Random(0)
+        self._pending, self._random = bytearray(), random.Random(0)
         self._coming = []
         self.asked_at_s = []
 
     def write(self, data):
         now_s = self._clock.now_s()
-        for instruction in self._receiver.take(data):
+        self._pending += data
+        while instruction := dynamixel.parse_instruction(self._pending):
             size, ids = instruction.parameters[2], instruction.parameters[4:]
             block = struct.pack("<BBbhii", 1, 0, 3, 0, 0, len(self.asked_at_s)).rjust(size, b"\x01")
             self.asked_at_s.append(now_s)

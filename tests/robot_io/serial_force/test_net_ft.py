@@ -7,7 +7,13 @@ import pytest
 
 from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.drivers import net_ft
-from palpate.robot_io.drivers.net_ft import NetFtLineSettings, NetFtStream, decode_record, parse_configuration
+from palpate.robot_io.drivers.net_ft import (
+    NetFtLineSettings,
+    NetFtSettings,
+    NetFtStream,
+    decode_record,
+    parse_configuration,
+)
 from palpate.robot_io.errors import DeviceError, InputError, ProtocolError
 from palpate.robot_io.files.file_model import validate
 from palpate.robot_io.robot import build_robot
@@ -120,7 +126,7 @@ def test_fifty_old_records_or_three_of_the_first_are_a_restart(first, old, is_na
     assert ("sensor's counter restarted" in stream.fault_text) == is_named
 
 
-PAGE = EmulatedNetFt(2, 100.0, 1e6, "N").page()
+PAGE = EmulatedNetFt(NetFtSettings(axis="z", capacity_n=100.0, counts_per_force=1e6, unit="N")).page()
 
 
 def test_configuration_page_is_read():

@@ -10,6 +10,8 @@ import pytest
 
 from palpate.robot_io.drivers.mit.settings import MitBusSettings
 from palpate.robot_io.drivers.odrive import OdriveBusSettings
+from palpate.robot_io.drivers.serial_force.gauges import ForceLinesSettings, LoadstarSettings
+from palpate.robot_io.drivers.serial_force.lorenz import LorenzSettings
 from palpate.robot_io.robot_file import load_robot_file
 from palpate.sim_backend.emulators.hardware import Plant
 from palpate.sim_backend.emulators.mit import EmulatedMitMotor
@@ -134,7 +136,7 @@ def test_enabled_motor_exerts_its_feedforward_torque_and_gains(plant):
 
 
 def test_emulated_load_cell_follows_its_manual():
-    sensor = EmulatedLoadstar(100.0, unit="lb")
+    sensor = EmulatedLoadstar(LoadstarSettings(capacity_n=100.0))
     assert sensor.receive(b"\r", 0.0) == b"A\r\n"
     assert b"DI-1000" in sensor.receive(b"MODEL\r", 0.0)
     assert sensor.receive(b"UNI", 0.0) + sensor.receive(b"TS\r", 0.0) == b"lb\r\n"
@@ -148,7 +150,8 @@ def test_emulated_load_cell_follows_its_manual():
 
 
 def test_lorenz_sensor_answers_hello_and_streams_until_three_stx():
-    sensor = EmulatedLorenz(100.0, counts_at_nominal=20000.0)
+    load = {"nominal_load": 100.0, "unit": "N", "counts_at_nominal": 20000.0}
+    sensor = EmulatedLorenz(LorenzSettings(**load, dimension_code=3, load_code=100))
     hello = bytes.fromhex("024001ff00400202")  # summed by hand, see the codec's test
     assert sensor.receive(hello, 0.0)[:5] == bytes((2, 0x40, 0xFF, 1, 1))
     assert sensor.receive(hello[:-1] + b"\x07", 0.0) == b""  # wrong checksum
@@ -168,7 +171,7 @@ def test_lorenz_sensor_answers_hello_and_streams_until_three_stx():
 
 
 def test_gauge_streams_unasked_and_stops_after_a_restart():
-    gauge = EmulatedGauge(100.0)
+    gauge = EmulatedGauge(ForceLinesSettings(pattern="(?P<value>.*) N", capacity_n=100.0))
     assert gauge.due(1.0)
     assert gauge.reading(-2.5) == b"-2.500 N\r\n"
     gauge.restart(1.0, 0.5)

@@ -109,7 +109,7 @@ def test_packets_match_published_ones():
 
 def test_published_requests_are_understood():
     request = bytes.fromhex("ff ff fd 00 fe 11 00 83 74 00 04 00 01 96 00 00 00 02 aa 00 00 00 82 87")
-    (understood,) = dynamixel.DynamixelParser().take(b"\xff\xff\xfd\xfd noise " + request)
+    understood = dynamixel.parse_instruction(bytearray(b"\xff\xff\xfd\xfd noise " + request))
     assert (understood.target, understood.code, understood.intact) == (0xFE, 0x83, True)
     assert understood.parameters == request[8:-2]
 
