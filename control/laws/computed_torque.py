@@ -12,7 +12,6 @@ import numpy as np
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.laws.gains import TrackingGains
 from palpate.control.paths.trajectory import JointMotion
-from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray, Measurement, clip
 
 
@@ -30,9 +29,6 @@ class Pid:
         output_limit: largest output of either sign.
         derivative_filter_s: time constant of the low-pass [s], 0 for none.
 
-    Raises:
-        InputError: a gain is negative, or the limit is not positive.
-
     Source: Astrom and Murray, "Feedback Systems", Princeton 2008, section 10.4.
     """
 
@@ -46,11 +42,6 @@ class Pid:
         output_limit: float,
         derivative_filter_s: float = 0.0,
     ) -> None:
-        if min(kp, ki, kd, derivative_filter_s) < 0.0 or not output_limit > 0.0:
-            raise InputError(
-                f"PID: gains {kp}, {ki}, {kd} and filter {derivative_filter_s} s must not be negative, "
-                f"output limit {output_limit} must be positive"
-            )
         self._kp, self._ki, self._kd = kp, ki, kd
         self._limit = output_limit
         self._filter_s = derivative_filter_s

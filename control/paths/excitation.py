@@ -5,7 +5,6 @@ only reduces the force, so that the force limit is kept.
 """
 
 import math
-from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
@@ -45,15 +44,6 @@ class Excitation(FileModel):
         return _RAMP_SHARE * self.duration_s
 
 
-@dataclass(frozen=True, slots=True)
-class ProfilePoint:
-    """Profile value [-], not positive, its rate [1/s] and acceleration [1/s^2]."""
-
-    value: float
-    rate_1_s: float
-    acceleration_1_s2: float
-
-
 class Profile:
     """A wave between -1 and 1 minus an offset, faded in so that value, rate and acceleration begin at zero.
 
@@ -85,8 +75,8 @@ class Profile:
             times = np.linspace(0.0, excitation.duration_s, count)[:, None]
             self._scale = 1.0 / float(np.abs(np.cos(self._phases + times * self._rates).sum(axis=1)).max())
 
-    def at(self, time_s: float) -> ProfilePoint:
-        """Compute the profile and its derivatives at a time.
+    def at(self, time_s: float) -> tuple[float, float, float]:
+        """Compute the profile, not positive, its rate [1/s] and acceleration [1/s^2] at a time.
 
         Args:
             time_s: time since its start [s].
@@ -102,7 +92,7 @@ class Profile:
         )
         fade, fade_rate, fade_acceleration = quintic(time_s, self._ramp_s)
         shifted_wave = wave - self._offset
-        return ProfilePoint(
+        return (
             fade * shifted_wave,
             fade_rate * shifted_wave + fade * wave_rate,
             fade_acceleration * shifted_wave + 2.0 * fade_rate * wave_rate + fade * wave_acceleration,

@@ -226,19 +226,15 @@ class ProbingRun:
         return True
 
     def _excite_force(self, measurement: Measurement, dt_s: float) -> ControlOutput:
-        desired_n = self._plan.force_limit_n + self._amplitude * self._profile.at(self._time_s).value
+        desired_n = self._plan.force_limit_n + self._amplitude * self._profile.at(self._time_s)[0]
         output = self._hold_force(measurement, desired_n, self.spec.speed_m_s, dt_s)
         if self._time_s >= self._profile.duration_s and self.phase is Phase.HOLD:
             self._leave()
         return output
 
     def _excite_position(self, measurement: Measurement, dt_s: float) -> ControlOutput:
-        point, size_m = self._profile.at(self._time_s), self._amplitude
-        free = LineState(
-            self._rest_travel_m + size_m * point.value,
-            size_m * point.rate_1_s,
-            size_m * point.acceleration_1_s2,
-        )
+        travel_m, speed_m_s, acceleration_m_s2 = (self._amplitude * x for x in self._profile.at(self._time_s))
+        free = LineState(self._rest_travel_m + travel_m, speed_m_s, acceleration_m_s2)
         output = self._control.step(measurement, HybridReference(free=free), dt_s)
         if self._is_lost(output, dt_s):
             self._leave()
