@@ -31,15 +31,15 @@ def channel(kind: ChannelKind, parts: Iterable[list[np.ndarray]], name: str = "j
     return ChannelData(name, kind, t, x, v, a, effort, run, np.full(len(t), -1))
 
 
-def table(path: Path, **only: str | int) -> pd.DataFrame:
-    """Rows of a CSV; `only` those with this in a column."""
+def table(path: Path, **only: str | int | list[str]) -> pd.DataFrame:
+    """Rows of a CSV; `only` those with this in a column, or one of these."""
     rows = pd.read_csv(path)
     for name, value in only.items():
-        rows = rows[rows[name] == value]
+        rows = rows[rows[name].isin(value if isinstance(value, list) else [value])]
     return rows
 
 
-def runs(folder: Path, key: str = "run", **only: str | int) -> dict[Any, pd.DataFrame]:
+def runs(folder: Path, key: str = "run", **only: str | int | list[str]) -> dict[Any, pd.DataFrame]:
     """Rows of a set's runs.csv.gz, by run or by another column; `only` as in `table`."""
     return dict(iter(table(folder / "runs.csv.gz", **only).groupby(key, sort=False)))
 
@@ -151,28 +151,12 @@ def servo(folder: Path, log: str, motor: int) -> ChannelData:
     return channel(ChannelKind.REVOLUTE, parts)
 
 
-def afm_cell(folder: Path) -> ChannelData:
-    """Approach and hold of all curves on one cell, evenly sampled; the retract apart, as its README does.
-
-    Position is that of the drive. The README's indentation is that less force over the cantilever's 1.07 N/m:
-    in a hold it follows the force, and says what the force is. The cell is 80 times as soft.
-
-    The README's errors count only every fourth sample of the later hold, so they weigh the approach more.
-    """
+def presses(folder: Path, position: str, gap_s: float, only: dict[str, Any]) -> ChannelData:
+    """Runs of a contact, `gap_s` apart; `position` is the column of the depth [m], `only` as in `table`."""
     parts = []
-    for number, run in enumerate(runs(folder).values()):
-        kept = run[run["phase"].isin(["approach", "hold"])]
-        t, x, force = signals(kept, "time_s", "piezo_m", "force_N")
-        parts.append(part(t + 100.0 * number, x, force))
-    return channel(ChannelKind.CONTACT, parts, "contact")
-
-
-def muscle(folder: Path, condition: str) -> ChannelData:
-    """Ramps of 0.1, 1, 10 and 100 s to one stretch under one condition; one run each."""
-    parts = []
-    for number, run in enumerate(runs(folder, condition=condition).values()):
-        t, x, force = signals(run, "time_s", "displacement_m", "force_N")
-        parts.append(part(t + 1000.0 * number, x, force))
+    for number, run in enumerate(runs(folder, **only).values()):
+        t, x, force = signals(run, "time_s", position, "force_N")
+        parts.append(part(t + gap_s * number, x, force))
     return channel(ChannelKind.CONTACT, parts, "contact")
 
 
