@@ -254,15 +254,12 @@ class World:
         self._engine.close()
 
 
-def world_of(
-    robot_file: RobotFile, scenario: Scenario, effects: HiddenEffects = NO_EFFECTS, start_s: float = 0.0
-) -> World:
+def world_of(robot_file: RobotFile, scenario: Scenario, start_s: float = 0.0) -> World:
     """Make the world of the arm that a robot file describes; see `World`.
 
     Args:
         robot_file: the robot.
         scenario: object, sensors, physics and hidden effects.
-        effects: hidden in addition to the scenario's.
         start_s: time of the initial state on the robot's clock [s].
 
     Raises:
@@ -276,6 +273,6 @@ def world_of(
             robot_file.home_rad,
             robot_file.rotor_inertia_kg_m2 or (),
         )
-        return World(arm, scenario, effects, start_s)
+        return World(arm, scenario, start_s=start_s)
     except (OSError, ValueError) as error:  # an InputError is a ValueError
         raise InputError(f"{robot_file.path} with {robot_file.urdf}: {error}") from error

@@ -11,7 +11,6 @@ from typing import NamedTuple
 from palpate.robot_io.clock import Clock, SimulatedClock
 from palpate.robot_io.robot_file import RobotFile
 from palpate.robot_io.types import Status
-from palpate.sim_backend.hooks import NO_EFFECTS, HiddenEffects
 from palpate.sim_backend.scenario import Scenario
 from palpate.sim_backend.world import world_of
 
@@ -34,10 +33,8 @@ class Plant:
     simulation. It starts at `start_s` on the emulator's clock [s]. Not thread-safe: one emulator owns it.
     """
 
-    def __init__(
-        self, robot_file: RobotFile, scenario: Scenario, start_s: float, effects: HiddenEffects = NO_EFFECTS
-    ) -> None:
-        self.world = world_of(robot_file, scenario, effects, start_s)
+    def __init__(self, robot_file: RobotFile, scenario: Scenario, start_s: float) -> None:
+        self.world = world_of(robot_file, scenario, start_s)
         self.world.held = True
         self._torque_nm = [0.0] * self.world.joint_count
         self._rest_nm = [_REST_SHARE * limit for limit in robot_file.limits.torque_nm]

@@ -14,7 +14,6 @@ from palpate.robot_io.registry import Registry
 from palpate.robot_io.robot_file import DeviceSection, RobotFile, replace_data
 from palpate.sim_backend.emulators.faults import Faults
 from palpate.sim_backend.emulators.hardware import EmulatedWire, HardwareEmulator, Plant
-from palpate.sim_backend.hooks import NO_EFFECTS, HiddenEffects
 from palpate.sim_backend.scenario import Scenario
 
 
@@ -95,22 +94,15 @@ WIRE_MAKERS = Registry("emulated bus", WireMaker, "palpate.sim_backend.emulators
 
 
 def wire_up(
-    robot_file: RobotFile,
-    scenario: Scenario,
-    clock: Clock,
-    faults: Mapping[str, Faults] | None = None,
-    effects: HiddenEffects = NO_EFFECTS,
+    robot_file: RobotFile, scenario: Scenario, clock: Clock, faults: Mapping[str, Faults] | None = None
 ) -> WiredArm:
     """Emulate every bus of a robot; on a simulated clock the devices run in lockstep with it.
-
-    Faults are given by bus name; effects are hidden in plant and sensors.
 
     Args:
         robot_file: robot file of the real arm.
         scenario: the simulated world.
         clock: simulated, or a real one.
         faults: faults by bus name.
-        effects: hidden in plant and sensors.
 
     Returns:
         The arm with its emulator, which the caller closes.
@@ -122,7 +114,7 @@ def wire_up(
     if unknown:
         raise InputError(f"{robot_file.path}: {WIRE_MAKERS.unknown(unknown[0])}")
     start_s = clock.now_s()
-    plant = Plant(robot_file, scenario, start_s, effects)
+    plant = Plant(robot_file, scenario, start_s)
     data = deepcopy(robot_file.document.data)
     wires: dict[str, EmulatedWire] = {}
     try:

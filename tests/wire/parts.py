@@ -14,7 +14,6 @@ from palpate.robot_io.robot_file import parse_robot_file
 from palpate.robot_io.types import Command, Measurement
 from palpate.sim_backend.emulators import Fault, FaultKind, Faults
 from palpate.sim_backend.emulators.wiring import WiredArm, wire_up
-from palpate.sim_backend.hidden import hidden_effects
 from palpate.sim_backend.imperfection import Imperfection
 from palpate.sim_backend.scenario import load_scenario
 
@@ -88,13 +87,8 @@ class EmulatedRobot:
         self.clock = SimulatedClock()
         self.faults = {"motors": Faults(), "load_cell": Faults()}
         robot_file = parse_robot_file(text, path)
-        self.arm: WiredArm = wire_up(
-            robot_file,
-            load_scenario("default", ROOT),
-            self.clock,
-            self.faults,
-            hidden_effects(hidden, len(robot_file.home_rad)),
-        )
+        scenario = load_scenario("default", ROOT).with_hidden(hidden)
+        self.arm: WiredArm = wire_up(robot_file, scenario, self.clock, self.faults)
         self.robot: Robot = build_robot(self.arm.robot_file, DriverCatalog(), self.clock)
         self.period_s = 1.0 / robot_file.control_rate_hz
 
