@@ -237,16 +237,14 @@ def _jpk_channel(
         raw = linear(raw, at)
     names = header.get(f"{prefix}conversion-set.conversions.list", "").split()
     names = names[: names.index(last) + 1] if last in names else names
-    done, before = {header.get(f"{prefix}conversion-set.conversions.base", "volts")}, set[str]()
-    while done != before:  # a conversion starts from the result of another
-        before = set(done)
-        for name in (name for name in names if name not in done):
-            at = f"{prefix}conversion-set.conversion.{name}."
-            if header.get(f"{at}defined", "true") == "false" or f"{at}scaling.multiplier" not in header:
-                done.add(name)
-            elif header.get(f"{at}base-calibration-slot") in done:
-                raw = linear(raw, f"{at}scaling.")
-                done.add(name)
+    done = {header.get(f"{prefix}conversion-set.conversions.base", "volts")}
+    for name in names:  # each starts from the result of one before it
+        at = f"{prefix}conversion-set.conversion.{name}."
+        if header.get(f"{at}defined", "true") == "false" or f"{at}scaling.multiplier" not in header:
+            done.add(name)
+        elif header.get(f"{at}base-calibration-slot") in done:
+            raw = linear(raw, f"{at}scaling.")
+            done.add(name)
     return raw
 
 

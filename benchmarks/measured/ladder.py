@@ -168,10 +168,6 @@ def _spline(s: Signals, _inner: float) -> Array:
     return np.maximum(s.depth[:, None] - knots, 0.0) / s.size
 
 
-def _side_by_side(*columns: Array) -> Array:
-    return np.stack(columns, axis=1)
-
-
 @dataclass(frozen=True)
 class Term:
     """One candidate law."""
@@ -197,26 +193,26 @@ TERMS: dict[str, Term] = {
     "depth_rate": Term("rate_dependence", lambda s, p: s.depth * s.v),
     "coulomb": Term("friction", lambda s, p: np.tanh(s.v / (p * s.speed)), (0.003, 0.02, 0.1, 0.3)),
     "asymmetric": Term(
-        "friction", lambda s, p: 1.0 * _side_by_side(s.v > p * s.speed, s.v < -p * s.speed), (0.01,)
+        "friction", lambda s, p: 1.0 * np.column_stack([s.v > p * s.speed, s.v < -p * s.speed]), (0.01,)
     ),
     "presliding": Term("friction", _dahl, _WIDTHS),
     "play": Term("friction", _play, _WIDTHS),
-    "play_family": Term("friction", lambda s, p: _side_by_side(*(_play(s, w) for w in _WIDTHS))),
+    "play_family": Term("friction", lambda s, p: np.column_stack([_play(s, w) for w in _WIDTHS])),
     "depth_friction": Term("friction", lambda s, p: np.abs(s.depth) * np.tanh(s.v / (0.02 * s.speed))),
     "relaxation": Term("time_memory", lambda s, p: _relaxed(s.depth, s, p), _TIMES),
     "relaxation_of_square": Term("time_memory", lambda s, p: _relaxed(s.depth**2, s, p), _TIMES),
     "two_relaxations": Term(
         "time_memory",
-        lambda s, p: _side_by_side(_relaxed(s.depth, s, p), _relaxed(s.depth, s, 12.0 * p)),
+        lambda s, p: np.column_stack([_relaxed(s.depth, s, p), _relaxed(s.depth, s, 12.0 * p)]),
         _TIMES[2:-2],
     ),
     "inertia": Term("inertia", lambda s, p: s.a),
     "ripple": Term(
         "periodic",
-        lambda s, p: _side_by_side(np.sin(p * s.x), np.cos(p * s.x)),
+        lambda s, p: np.column_stack([np.sin(p * s.x), np.cos(p * s.x)]),
         (2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 18, 20, 24, 28, 36, 42, 48, 72, 84, 100),
     ),
-    "weight": Term("gravity_load", lambda s, p: _side_by_side(np.sin(s.x), np.cos(s.x))),
+    "weight": Term("gravity_load", lambda s, p: np.column_stack([np.sin(s.x), np.cos(s.x)])),
     "offset": Term("contact_geometry", lambda s, p: (s.x > 0).astype(float)),
     "neck": Term("contact_geometry", _neck, (0.003, 0.03, 0.1, 0.3)),
     "surface": Term(
@@ -255,10 +251,6 @@ def _held_out(columns: Array, ladder: "Ladder") -> tuple[float, float]:
     return math.sqrt(max(outside, 0.0) / len(fold)), inside
 
 
-def _two(column: Array) -> Array:
-    return column[:, None] if column.ndim == 1 else column
-
-
 class Ladder:
     """Least squares of terms, one after the other."""
 
@@ -266,12 +258,12 @@ class Ladder:
         self.signals = s
         self.fold = folds_of(s)
         self.rows = np.unique(np.linspace(0, len(s.x) - 1, min(_ROWS, len(s.x))).astype(np.int64))
-        self.columns = np.concatenate([_two(TERMS[name].build(s, 0.0)) for name in base], axis=1)
+        self.columns = np.column_stack([TERMS[name].build(s, 0.0) for name in base])
         self.error = _held_out(self.columns, self)[0]
         revolute = not s.contact and float(np.ptp(s.x)) > 0.5
         left_out = (set() if s.contact else _CONTACT_ONLY) | (set() if revolute else _REVOLUTE_ONLY)
         self.built = {
-            name: [(p, _two(term.build(s, p))) for p in term.inner]
+            name: [(p, term.build(s, p)) for p in term.inner]
             for name, term in TERMS.items()
             if name not in {*base, *left_out, "run_offset"}
         }
@@ -283,7 +275,7 @@ class Ladder:
     def attempt(self, name: str) -> tuple[float, float, Array]:
         """Held-out error with a term, its inner parameter (best where it is fitted), its columns."""
         trials = [
-            (*_held_out(np.hstack([self.columns, columns]), self), p, columns)
+            (*_held_out(np.column_stack([self.columns, columns]), self), p, columns)
             for p, columns in self.built[name]
         ]
         held_out, _, p, columns = min(trials, key=lambda trial: trial[1])
@@ -336,7 +328,7 @@ def main() -> None:
         if error > 0.98 * ladder.error:
             break
         print(f"+ {name}({p:.3g}) [{kind_of(name)}]: {error:.4g}")
-        ladder.columns = np.hstack([ladder.columns, ladder.attempt(name)[2]])
+        ladder.columns = np.column_stack([ladder.columns, ladder.attempt(name)[2]])
         ladder.error = error
         if len(ladder.built[name]) == 1:
             del ladder.built[name]

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -101,32 +102,30 @@ class JointMove:
             acceleration_limit_rad_s2: limit of every joint [rad/s^2].
         """
         share = LineState(*quintic(time_s, self.duration_s))
-        return JointBrake(self._start, self._change, share, acceleration_limit_rad_s2)
+        longest_rad = max(float(np.abs(self._change).max()), 1e-9)
+        blend = SpeedBlend(share, 0.0, acceleration_limit_rad_s2 / longest_rad)
+        return JointBrake(self._start, self._change, blend)
 
 
+@dataclass(frozen=True, eq=False)
 class JointBrake:
     """All joints come to rest together during a move; see `JointMove.brake_at`.
 
     No joint decelerates more than the limit, if none accelerates when the braking begins.
-
-    Args:
-        start_rad: start of the move, shape (n,) [rad].
-        change_rad: end minus start, shape (n,) [rad].
-        share: completed share of the move, and its derivatives, when the braking begins.
-        limit_rad_s2: largest acceleration of every joint [rad/s^2].
     """
 
-    def __init__(
-        self, start_rad: FloatArray, change_rad: FloatArray, share: LineState, limit_rad_s2: float
-    ) -> None:
-        self._start, self._change = start_rad, change_rad
-        longest_rad = max(float(np.abs(change_rad).max()), 1e-9)
-        self._blend = SpeedBlend(share, 0.0, limit_rad_s2 / longest_rad)
-        self.duration_s = self._blend.duration_s
+    start_rad: FloatArray  # start of the move, shape (n,) [rad]
+    change_rad: FloatArray  # end minus start, shape (n,) [rad]
+    share: "SpeedBlend"  # completed share of the move
+
+    @property
+    def duration_s(self) -> float:
+        """Duration of the braking [s]."""
+        return self.share.duration_s
 
     def at(self, time_s: float) -> JointMotion:
         """See `JointMove.at`; the time counts from the start of the braking."""
-        return _scaled(self._start, self._change, self._blend.at(time_s))
+        return _scaled(self.start_rad, self.change_rad, self.share.at(time_s))
 
 
 def _scaled(start_rad: FloatArray, change_rad: FloatArray, share: tuple[float, float, float]) -> JointMotion:
