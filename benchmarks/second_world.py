@@ -1,13 +1,13 @@
 """Judges the diagnosis on cases from a second world, whose author had read only the vocabulary.
 
     python benchmarks/second_world.py [--sample N] [--seed S] [--kind contact|revolute] [--processes 2]
-                                      [--case NUMBER] [--one-recording] [--removed] [--out FILE [--resume]]
-    python benchmarks/second_world.py --table FILE | --compare BEFORE AFTER
+                                      [--case NUMBER] [--removed] [--out FILE [--resume]]
+    python benchmarks/second_world.py --table FILE
 
 Some 250 cases: nothing hidden, one effect at 3, 10 or 30 floors, two effects, and laws outside the
 vocabulary. A floor is the RMS that noise of effort and position make; a strength is the RMS of what
 the simple model cannot mimic. A case follows from seed and number. `--out` writes one JSON line a case, of
-which `--table` makes the tables again, and by which `--compare` holds two engines against each other.
+which `--table` makes the tables again.
 With `--removed` the cases with one effect are diagnosed by a library that lacks it and every law that
 contains it: the right verdict is unexplained.
 """
@@ -18,22 +18,6 @@ from pathlib import Path
 from harness import arguments, json_lines, parallel
 from second_generator.cases import grid
 from second_generator.judge import CaseOutcome, by_effect, from_record, run, table
-
-
-def compare_engines(before: Path, after: Path) -> None:
-    """Print the cases that two engines judge differently."""
-    old, new = (
-        {(outcome.seed, outcome.job.number): outcome for outcome in read(path)} for path in (before, after)
-    )
-    shared = sorted(old.keys() & new.keys())
-    for key in shared:
-        was, now = old[key], new[key]
-        if was.right != now.right:
-            said = [f"{outcome.verdict}: {' + '.join(outcome.accepted) or '-'}" for outcome in (was, now)]
-            mark, hidden = "better" if now.right else "WORSE", " + ".join(was.job.hidden) or "nothing"
-            print(f"{mark} {key[1]:3d} {hidden}: {said[0]} -> {said[1]}")
-    right = [sum(engine[key].right for key in shared) for engine in (old, new)]
-    print(f"right: {right[0]} -> {right[1]} of {len(shared)}")
 
 
 def read(path: Path) -> list[CaseOutcome]:
@@ -48,22 +32,17 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--kind", choices=["contact", "revolute"])
     parser.add_argument("--case", type=int, help="this one only")
-    parser.add_argument("--one-recording", action="store_true", help="no column says where runs begin")
     parser.add_argument("--removed", action="store_true", help="one effect, which the library lacks")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--out", type=Path, help="JSON lines")
     parser.add_argument("--resume", action="store_true", help="leave out what --out holds already")
-    parser.add_argument("--compare", type=Path, nargs=2, metavar=("BEFORE", "AFTER"))
     parser.add_argument("--table", type=Path, metavar="FILE")
     options = parser.parse_args()
     if options.table:
         outcomes = read(options.table)
         print(f"{by_effect(outcomes)}\n\n{table(outcomes)}")
         return
-    if options.compare:
-        compare_engines(*options.compare)
-        return
-    every = [replace(job, one_recording=options.one_recording) for job in grid()]
+    every = grid()
     if options.removed:
         every = [replace(job, sort="removed") for job in every if job.sort == "one"]
     jobs = [job for job in every if options.kind in (None, job.kind)][: options.sample]

@@ -40,7 +40,6 @@ class CaseSpec:
     sort: str  # "nothing", "one", "two", "outside", or "removed" (from the library)
     hidden: tuple[str, ...]  # names
     strength: float  # RMS of what the simple law cannot mimic, in floors, of each effect alone
-    one_recording: bool = False  # without a column of runs
 
 
 @dataclass(frozen=True)
@@ -86,7 +85,7 @@ def make(job: CaseSpec, seed: int) -> GeneratedCase | None:
 def _try(job: CaseSpec, strength: float, rng: Generator) -> GeneratedCase | None:
     reading = readings.draw_reading(rng, job.kind)
     runs = int(rng.integers(3, 7 if reading.rate_hz < 500.0 else 4))
-    world, shape = _contact(rng, reading, runs, job) if job.kind == "contact" else _joint(rng, runs, job)
+    world, shape = _contact(rng, reading, runs) if job.kind == "contact" else _joint(rng, runs, job.hidden)
     seconds = len(world.motion.t) / motion.FINE_HZ
     allowed = [rate for rate in RATES_HZ if rate * seconds <= MOST_SAMPLES]
     reading = replace(reading, rate_hz=min(reading.rate_hz, max(allowed, default=RATES_HZ[-1])))
@@ -122,26 +121,21 @@ def _chain(reading: readings.ReadingChain) -> str:
     return "/".join(f"{n}" for n in reading.steps) + " a turn"
 
 
-def _contact(
-    rng: Generator, reading: readings.ReadingChain, runs: int, job: CaseSpec
-) -> tuple[CaseWorld, str]:
+def _contact(rng: Generator, reading: readings.ReadingChain, runs: int) -> tuple[CaseWorld, str]:
     """Depth and stiffness such that the position's steps neither vanish nor drown the force."""
     probe = np.linspace(0.0, 0.02, 4001) + 1e-5 * rng.standard_normal(4001)
     steps = float(np.std(readings.read_position(rng, reading, probe, arm=not reading.digits_m) - probe))
     size = float(np.clip(steps * 10 ** rng.uniform(2.4, 3.6), 5e-4, 0.03))
     k = rng.uniform(3.0, 30.0) / size
     speed = rng.uniform(0.5, 3.0)
-    moved, shape = motion.draw(
-        rng, size, speed, runs, below=-0.15, rounding_s=(0.01, 0.02), one_recording=job.one_recording
-    )
+    moved, shape = motion.draw(rng, size, speed, runs, below=-0.15, rounding_s=(0.01, 0.02))
     c = k * size * rng.uniform(0.02, 0.2) / float(np.quantile(np.abs(moved.v), 0.95))
-    fresh = bool(rng.random() < 0.5) and not job.one_recording
+    fresh = bool(rng.random() < 0.5)
     return CaseWorld("contact", moved, "kelvin_voigt", {"k": k, "c": c}, size, fresh), shape
 
 
-def _joint(rng: Generator, runs: int, job: CaseSpec) -> tuple[CaseWorld, str]:
+def _joint(rng: Generator, runs: int, hidden: tuple[str, ...]) -> tuple[CaseWorld, str]:
     """An inertia, a pendulum, or an arm of one link with its URDF."""
-    hidden = job.hidden
     base = str(rng.choice(["inertia", "pendulum", "rigid_body"], p=[0.35, 0.4, 0.25]))
     if NEEDS_GRAVITY & set(hidden) and base == "inertia":
         base = "pendulum"
@@ -150,9 +144,7 @@ def _joint(rng: Generator, runs: int, job: CaseSpec) -> tuple[CaseWorld, str]:
     mass, arm = rng.uniform(0.3, 4.0), rng.uniform(0.1, 0.4)
     size = rng.uniform(0.4, 1.6)
     speed = rng.uniform(0.6, 2.5)
-    moved, shape = motion.draw(
-        rng, size, speed, runs, below=-0.5, rounding_s=(0.03, 0.07), one_recording=job.one_recording
-    )
+    moved, shape = motion.draw(rng, size, speed, runs, below=-0.5, rounding_s=(0.03, 0.07))
     law = {"m": mass, "l": arm, "I": 0.3 * mass * arm**2, "J": 1.3 * mass * arm**2, "tip": 1.6 * arm}
     law |= {"g": mass * GRAVITY * arm if base != "inertia" else 0.0, "d": 0.0}
     if base != "rigid_body":
@@ -224,8 +216,7 @@ class _Reader:
             x_name: (read, "%.9g"),
             "force_N" if contact else f"torque{joint}_Nm": (sensed, "%.7g"),
         }
-        if self.run.any():
-            columns["run"] = (self.run, "%d")
+        columns["run"] = (self.run, "%d")
         if self.reading.velocity != "none":
             v_name = "velocity_m_s" if contact else f"velocity{joint}_rad_s"
             columns[v_name] = (self.velocity(read, position), "%.7g")

@@ -78,7 +78,7 @@ class CaseOutcome:
         )
 
     def record(self) -> dict[str, Any]:
-        """All fields as plain data, by which two engines can be compared case by case."""
+        """All fields as plain data."""
         intervals = [asdict(interval) | {"holds": interval.holds} for interval in self.intervals]
         return asdict(self) | {"intervals": intervals}
 

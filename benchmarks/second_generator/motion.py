@@ -111,15 +111,6 @@ def wander(rng: Generator, speed: float) -> Array:
 SHAPES = (ramps, s_curves, chirp, multisine, admittance, wander)
 
 
-def _joined(ways: list[Array]) -> Array:
-    """Positions one after another, with slow moves and rests between them."""
-    moves = [np.linspace(before[-1], after[0], int(0.6 * FINE_HZ)) for before, after in pairwise(ways)]
-    rests = [np.full(int(0.3 * FINE_HZ), after[0]) for after in ways[1:]]
-    return np.concatenate(
-        [ways[0], *(np.concatenate(piece) for piece in zip(moves, rests, ways[1:], strict=True))]
-    )
-
-
 def draw(
     rng: Generator,
     size: float,
@@ -128,9 +119,8 @@ def draw(
     *,
     below: float,
     rounding_s: tuple[float, float],
-    one_recording: bool = False,
 ) -> tuple[TrueMotion, str]:
-    """A session of several runs, deep and fast to different degrees, or one recording of all of them.
+    """A session of several runs, deep and fast to different degrees.
 
     Args:
         rng: of the case.
@@ -139,20 +129,17 @@ def draw(
         runs: how many.
         rounding_s: least and most time over which the drive rounds corners (standard deviation) [s].
         below: where 0 of a shape lies, in sizes (such as -0.1: in free air).
-        one_recording: one run goes over into the next by a slow move.
     """
     shape = SHAPES[rng.integers(len(SHAPES))]
-    ways, pauses, rounding = [], [], rng.uniform(*rounding_s)
+    rounding = rng.uniform(*rounding_s)
     depths = np.geomspace(1.0, rng.uniform(0.45, 0.8), runs)
     speeds = speed * rng.permutation(np.geomspace(1.0, rng.uniform(0.15, 0.4), runs))
-    for depth, pace in zip(depths, speeds, strict=True):
-        ways.append(below * size + size * (depth - below) * shape(rng, pace))
-        pauses.append(rng.uniform(1.0, 4.0))
     parts, clock = [], 0.0
-    for number, way in enumerate([_joined(ways)] if one_recording else ways):
+    for number, (depth, pace) in enumerate(zip(depths, speeds, strict=True)):
+        way = below * size + size * (depth - below) * shape(rng, pace)
         x = gaussian_filter1d(way, FINE_HZ * rounding, mode="nearest")
         v = np.gradient(x, 1 / FINE_HZ)
         t = clock + np.arange(len(x)) / FINE_HZ
         parts.append((t, x, v, np.gradient(v, 1 / FINE_HZ), np.full(len(x), number)))
-        clock = t[-1] + pauses[number]
+        clock = t[-1] + rng.uniform(1.0, 4.0)
     return TrueMotion(*(np.concatenate(part) for part in zip(*parts, strict=True))), shape.__name__
