@@ -1,8 +1,11 @@
 """The simulated arm behind all emulated wires, its motors' shafts, and the emulator that advances time."""
 
+import errno
+import os
 import select
 import termios
 import threading
+import tty
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from math import inf
@@ -227,15 +230,65 @@ class HardwareEmulator:
             self.plant.close()
 
 
-def baud_rate_matches(master: int, baud_rate: int | None) -> bool:
-    """Check whether a device hears the host at its baud rate.
-
-    The host has set the speed at the other end of `master`, the device's file. Rates without a number in
-    termios cannot be distinguished.
+class PseudoTerminal:
+    """The devices' end of a serial line; the driver opens `path`.
 
     Args:
-        master: file descriptor of the device's end.
-        baud_rate: baud rate of the device [bit/s]; None for any.
+        baud_rate: initial value of the attribute.
+        kept_open: whether bytes wait for a driver that has not opened its end; otherwise they are lost.
+
+    Attributes:
+        baud_rate: baud rate of the devices [bit/s]; None for any. Rates without a number in termios cannot be
+            distinguished.
+        in_use: whether the driver had opened its end when it was last read.
     """
-    speed = getattr(termios, f"B{baud_rate}", None)
-    return speed is None or termios.tcgetattr(master)[4] == speed
+
+    def __init__(self, baud_rate: int | None, *, kept_open: bool) -> None:
+        self.baud_rate = baud_rate
+        self._ends: tuple[int, ...] = os.openpty()
+        self._fd, slave = self._ends
+        tty.setraw(slave)
+        self.path, self.in_use = os.ttyname(slave), False
+        os.set_blocking(self._fd, False)
+        self._poll = select.poll()
+        self._poll.register(self._fd, select.POLLIN)
+        if not kept_open:
+            os.close(slave)
+            self._ends = self._ends[:1]
+
+    def fileno(self) -> int:
+        """Return the file descriptor; -1 once closed, and while the other end is: it would seem readable."""
+        return self._fd if self.in_use else -1
+
+    def read(self) -> bytes:
+        """Return the bytes that the devices have understood, because they came at their baud rate."""
+        if self._fd < 0:
+            return b""
+        data, self.in_use = b"", True
+        if self._poll.poll(0):  # faster than a read that fails
+            try:
+                data = os.read(self._fd, 65536)
+            except OSError as error:
+                self.in_use = error.errno != errno.EIO  # else the other end is not open
+        speed = getattr(termios, f"B{self.baud_rate}", None)
+        return data if data and speed in (None, termios.tcgetattr(self._fd)[4]) else b""
+
+    def write(self, data: bytes) -> None:
+        """Send bytes; those that the host does not read, or reads too slowly, are lost.
+
+        Args:
+            data: bytes.
+        """
+        if self._fd < 0 or not data:
+            return
+        try:
+            os.write(self._fd, data)
+        except OSError as error:
+            if error.errno not in (errno.EAGAIN, errno.EIO):
+                raise
+
+    def close(self) -> None:
+        """Take the line away: the host sees a port that has gone. Can be called repeatedly."""
+        for end in self._ends:
+            os.close(end)
+        self._ends, self._fd = (), -1

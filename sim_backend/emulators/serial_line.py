@@ -1,15 +1,11 @@
 """A serial line as a pseudo terminal, with an emulated force sensor at its end."""
 
-import errno
-import os
-import select
-import tty
 from abc import ABC, abstractmethod
 from math import inf
 
 from palpate.robot_io.drivers.serial_force.line import SerialForceSettings
 from palpate.sim_backend.emulators.faults import Device, FaultKind, Faults, FrameWire
-from palpate.sim_backend.emulators.hardware import Plant, baud_rate_matches
+from palpate.sim_backend.emulators.hardware import Plant, PseudoTerminal
 
 
 class StreamTimer:
@@ -177,24 +173,12 @@ class PtyLine(SensorWire):
         baud_rate: int | None = None,
     ) -> None:
         super().__init__(sensor, plant, faults)
-        self._in_lock_step, self._baud_rate = in_lock_step, baud_rate
-        self._unsent = b""
-        self._master: int | None
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self._poll = select.poll()
-        self._poll.register(self._master, select.POLLIN)
-        self.path = os.ttyname(self._slave)
+        self._in_lock_step, self._unsent = in_lock_step, b""
+        self._port = PseudoTerminal(baud_rate, kept_open=True)
+        self.path = self._port.path
 
     def receive(self, now_s: float) -> None:
-        if self._master is None or not self._poll.poll(0):  # faster than a read that fails
-            return
-        try:
-            data = os.read(self._master, 65536)
-        except OSError:  # nothing has arrived, or the other end is not open
-            return
-        if data and baud_rate_matches(self._master, self._baud_rate):
+        if data := self._port.read():
             answer = self._sensor.receive(data, now_s)
             if answer and self._late:  # nothing overtakes on a line
                 self._late.append((max(due_s for due_s, _ in self._late), answer))
@@ -202,11 +186,7 @@ class PtyLine(SensorWire):
                 self._put(answer, now_s)
 
     def close(self) -> None:
-        """See `EmulatedWire.close`: the host sees a port that has gone."""
-        if self._master is not None:
-            master, self._master = self._master, None
-            os.close(self._slave)
-            os.close(master)
+        self._port.close()
 
     def _put(self, frame: bytes, now_s: float) -> None:
         self._unsent += frame
@@ -215,10 +195,4 @@ class PtyLine(SensorWire):
 
     def flush(self) -> None:
         unsent, self._unsent = self._unsent, b""
-        if self._master is None or not unsent:
-            return
-        try:
-            os.write(self._master, unsent)
-        except OSError as error:
-            if error.errno not in (errno.EAGAIN, errno.EIO):  # the host reads too slowly, or not at all
-                raise
+        self._port.write(unsent)

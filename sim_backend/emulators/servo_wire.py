@@ -1,10 +1,5 @@
 """A half-duplex line of servos at the end of a pseudo terminal, with the time that bytes take, and faults."""
 
-import errno
-import os
-import pty
-import select
-import tty
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -14,7 +9,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 from palpate.robot_io.drivers.servo.joints import ServoMounting
 from palpate.sim_backend.emulators.faults import Fault, FaultKind, Faults
-from palpate.sim_backend.emulators.hardware import EmulatedWire, JointState, Plant, Shaft, baud_rate_matches
+from palpate.sim_backend.emulators.hardware import EmulatedWire, JointState, Plant, PseudoTerminal, Shaft
 
 BROADCAST = 0xFE
 REBOOT_S = 0.3  # default duration of a servo's absence
@@ -155,18 +150,11 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
             mounting.id: self._servo(mounting, shaft, start_s) for mounting, shaft in placed
         }
         self._pending = bytearray()  # received bytes that were not parsed yet
-        self._master, slave = pty.openpty()
-        tty.setraw(slave)
-        self.path = os.ttyname(slave)
-        os.close(slave)
-        os.set_blocking(self._master, False)
-        self._poll = select.poll()
-        self._poll.register(self._master, select.POLLIN)
+        self._port = PseudoTerminal(baud_rate, kept_open=False)
+        self.path = self._port.path
         self.faults = faults or Faults(start_s=start_s)
-        self._baud_rate = baud_rate
         self._byte_s = 10.0 / baud_rate if baud_rate else 0.0
         self._outgoing: list[ServoFrame] = []
-        self._in_use = False  # whether the driver has opened the port
         self._had_faults = False  # whether faults were planned in the last step
         self._free_s = start_s  # when the line is free again
         self._due_s = start_s  # when the last answer arrives, which none behind it overtakes
@@ -197,8 +185,7 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
         """Return the packet of an answer."""
 
     def fileno(self) -> int:
-        """See `EmulatedWire.fileno`; a port that is not open would always be readable."""
-        return self._master if self._in_use else -1
+        return self._port.fileno()
 
     def next_due_s(self) -> float:
         return min((frame.due_s for frame in self._outgoing), default=inf)
@@ -212,7 +199,7 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
         self._had_faults = planned
         if self.faults.trigger(FaultKind.UNPLUG, "line", now_s):
             self.close()
-        data = self._incoming()
+        data = self._port.read()
         if self.echoes and data:
             self._outgoing.append(ServoFrame(0, data, now_s))
         self._pending += data
@@ -229,32 +216,14 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
 
     def send(self, now_s: float) -> None:
         due = [frame for frame in self._outgoing if frame.due_s <= now_s]
-        if due and self._master >= 0:
+        if due:
             self._outgoing = [frame for frame in self._outgoing if frame.due_s > now_s]
-            os.write(self._master, b"".join(frame.data for frame in sorted(due, key=attrgetter("due_s"))))
+            self._port.write(b"".join(frame.data for frame in sorted(due, key=attrgetter("due_s"))))
 
     def close(self) -> None:
         """See `EmulatedWire.close`; the driver sees an unplugged cable."""
-        if self._master >= 0:
-            os.close(self._master)
-            self._master = -1
+        self._port.close()
         self._outgoing = []
-
-    def _incoming(self) -> bytes:
-        if self._master >= 0 and not self._poll.poll(0):  # faster than a read that fails
-            self._in_use = True
-            return b""
-        try:
-            data = os.read(self._master, 4096) if self._master >= 0 else b""
-        except BlockingIOError:
-            data = b""
-        except OSError as error:
-            if error.errno != errno.EIO:
-                raise
-            self._in_use = False  # the port is not open
-            return b""
-        self._in_use = True
-        return data if data and baud_rate_matches(self._master, self._baud_rate) else b""
 
     def _apply_faults(self, servo: LineServo, now_s: float) -> None:
         """Apply the faults of a servo itself."""

@@ -37,7 +37,7 @@ def test_two_servos_with_one_id_are_hinted_at(make_robot, path, kind, refused, e
 def test_servos_at_another_baud_rate_are_detected(make_robot, path):
     arm = make_robot(path)
     line, rate = arm.arm.wires["motors"], 115_200
-    line._baud_rate, stated = rate, line._baud_rate
+    line._port.baud_rate, stated = rate, line._port.baud_rate
     with pytest.raises(DeviceError, match=f"at {stated} bit/s"):
         arm.robot.buses["motors"].configure()
     (finding,) = examined(arm).values()

@@ -50,7 +50,7 @@ class Client:
         """Send a packet written in hex, without its checksum; returns what comes back within `wait_s`."""
         packet = bytes.fromhex(text)
         self.port.write(packet + dynamixel.checksum(packet).to_bytes(2, "little"))
-        select.select([self.line._master], [], [], HAND_ON_S)
+        select.select([self.line._port._fd], [], [], HAND_ON_S)
         return self.listen(wait_s)
 
     def listen(self, wait_s):
