@@ -156,9 +156,7 @@ def not_mimicked(world: CaseWorld, hidden: Iterable[HiddenEffect]) -> float:
     return float(np.sqrt(np.mean((rest - columns @ gains) ** 2)))
 
 
-def sized(
-    world: CaseWorld, effect: Effect, chances: Array, target: float, *, tolerance: float = 0.03
-) -> HiddenEffect | None:
+def sized(world: CaseWorld, effect: Effect, chances: Array, target: float) -> HiddenEffect | None:
     """The effect so large that the simple law misses this much; None if it never does."""
     low, high = 1e-4, 1.0
     if not_mimicked(world, [effect(world, high, chances)]) < target:
@@ -166,7 +164,7 @@ def sized(
     for _ in range(20):
         middle = float(np.sqrt(low * high))
         missed = not_mimicked(world, [effect(world, middle, chances)])
-        if abs(missed / target - 1) < tolerance:
+        if abs(missed / target - 1) < 0.03:
             return effect(world, middle, chances)
         low, high = (middle, high) if missed < target else (low, middle)
     return effect(world, high, chances)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4  # Linux, sys/mman.h
 _PR_SET_TIMERSLACK, _PR_GET_TIMERSLACK = 29, 30  # Linux, prctl(2)
+_PRIORITY = 80  # of 1 to 99, above the usual 50 of interrupt threads
 _TIMER_SLACK_NS = 1  # the default of 50 us is added to every sleep of a thread without real-time scheduling
 
 
@@ -32,14 +33,11 @@ class RealtimeReport:
 
 
 @contextmanager
-def realtime(priority: int = 80) -> Iterator[RealtimeReport]:
+def realtime() -> Iterator[RealtimeReport]:
     """Enable real-time features for the calling thread within the context; restore everything afterwards.
 
     Use it only for loops on a real clock: on simulated time the thread never sleeps and would starve others.
     A refused feature is not an error.
-
-    Args:
-        priority: SCHED_FIFO priority, 1 to 99; 80 is above the usual 50 of interrupt threads.
 
     Yields:
         Report of granted and refused features.
@@ -50,7 +48,7 @@ def realtime(priority: int = 80) -> Iterator[RealtimeReport]:
             "SCHED_FIFO",
             "other programs may delay a tick by milliseconds; to allow SCHED_FIFO, write 'rtprio 99' in "
             "/etc/security/limits.conf",
-            lambda: _fifo(priority),
+            _fifo,
         ),
         (
             "memory lock",
@@ -73,11 +71,11 @@ def realtime(priority: int = 80) -> Iterator[RealtimeReport]:
 
 
 @contextmanager
-def _fifo(priority: int) -> Iterator[None]:
+def _fifo() -> Iterator[None]:
     """Set SCHED_FIFO for this thread only; threads and processes that it starts are scheduled normally."""
     _require_linux()
     former, former_param = os.sched_getscheduler(0), os.sched_getparam(0)
-    os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+    os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(_PRIORITY))
     try:
         yield
     finally:
