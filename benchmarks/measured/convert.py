@@ -628,7 +628,7 @@ def _files(recipe: Mapping[str, Any], origin: Origin) -> list[str]:
     return paths
 
 
-def _tables(recipe: Mapping[str, Any], origin: Origin) -> Iterator[tuple[str, list[Columns]]]:
+def _tables(recipe: Mapping[str, Any], origin: Origin) -> Iterator[list[Columns]]:
     """Tables of each file, as `join`, `chain`, `each` and `restarts` make them.
 
     `join`: names under which several files make one table, whose columns are NAME.COLUMN (NAME the first).
@@ -650,7 +650,7 @@ def _tables(recipe: Mapping[str, Any], origin: Origin) -> Iterator[tuple[str, li
             if clocks := read.get("clocks"):
                 parts = _on_one_clock(parts, clocks)
             for name in read.get("backwards", []):
-                parts[name] = {column: values[::-1] for column, values in parts[name].items()}
+                parts[name] = _rows(parts[name], slice(None, None, -1))
             columns = {
                 f"{name}.{key}": values for name, part in parts.items() for key, values in part.items()
             }
@@ -663,12 +663,15 @@ def _tables(recipe: Mapping[str, Any], origin: Origin) -> Iterator[tuple[str, li
                 for table in tables
             ]
         if key := read.get("order"):
-            tables = [
-                {name: values[np.argsort(table[key])] for name, values in table.items()} for table in tables
-            ]
+            tables = [_rows(table, np.argsort(table[key])) for table in tables]
         if clock := read.get("restarts"):
             tables = [run for table in tables for run in _split(table, str(clock))]
-        yield paths[first], tables
+        yield tables
+
+
+def _rows(table: Columns, rows: Any) -> dict[str, NDArray[np.float64]]:  # noqa: ANN401
+    """Some rows of a table, as NumPy takes them."""
+    return {name: values[rows] for name, values in table.items()}
 
 
 def _on_one_clock(parts: Mapping[str, Columns], clocks: Mapping[str, Any]) -> dict[str, Columns]:
@@ -688,30 +691,26 @@ def _on_one_clock(parts: Mapping[str, Columns], clocks: Mapping[str, Any]) -> di
 
 def _split(table: Columns, clock: str) -> list[Columns]:
     """Parts of a table between which its clock falls; rows without a time are left out."""
-    table = {name: values[np.isfinite(table[clock])] for name, values in table.items()}
+    table = _rows(table, np.isfinite(table[clock]))
     edges = [0, *(np.flatnonzero(np.diff(table[clock]) < 0) + 1).tolist(), len(table[clock])]
-    return [
-        {name: values[start:stop] for name, values in table.items()}
-        for start, stop in itertools.pairwise(edges)
-    ]
+    return [_rows(table, slice(*ends)) for ends in itertools.pairwise(edges)]
 
 
-def runs_of(recipe: Mapping[str, Any], origin: Origin) -> list[tuple[str, Columns]]:
+def runs_of(recipe: Mapping[str, Any], origin: Origin) -> Iterator[Columns]:
     """All runs of a recording.
 
     Args:
         recipe: content of the recipe.
         origin: the repository that it names.
 
-    Returns:
-        Name of the file and the output columns of each run, decimated by block means of `every` rows. Runs
-        with fewer rows than `shortest` are left out.
+    Yields:
+        Output columns of each run, decimated by block means of `every` rows. Runs with fewer rows than
+        `shortest` are left out.
     """
     read = recipe["read"]
-    runs: list[tuple[str, Columns]] = []
-    for number, (path, tables) in enumerate(_tables(recipe, origin)):
+    for number, tables in enumerate(_tables(recipe, origin)):
         for table, item in itertools.product(tables, read.get("each", [""])):
-            cut = {name: values[slice(*read.get("rows", [None]))] for name, values in table.items()}
+            cut = _rows(table, slice(*read.get("rows", [None])))
             columns = _kept(_output(recipe["columns"], cut, str(item), number), read)
             if len(columns["time_s"]) < read.get("shortest", 0):
                 continue
@@ -721,10 +720,8 @@ def runs_of(recipe: Mapping[str, Any], origin: Origin) -> list[tuple[str, Column
                 _find_surface(columns, read["surface"])
             pieces, count = read.get("pieces", 1), len(columns["time_s"])
             edges = [piece * count // pieces for piece in range(pieces + 1)]
-            for start, stop in itertools.pairwise(edges):
-                part = {name: values[start:stop] for name, values in columns.items()}
-                runs.append((path, _decimate(part, read.get("every", 1))))
-    return runs
+            for ends in itertools.pairwise(edges):
+                yield _decimate(_rows(columns, slice(*ends)), read.get("every", 1))
 
 
 def _output(specs: Mapping[str, Any], table: Columns, item: str, file: int) -> dict[str, NDArray[np.float64]]:
@@ -748,7 +745,7 @@ def _kept(columns: Columns, read: Mapping[str, Any]) -> dict[str, NDArray[np.flo
     kept &= np.concatenate([[True], time[1:] > np.maximum.accumulate(time)[:-1]])
     for name, (low, high) in read.get("within", {}).items():
         kept &= (columns[name] >= low) & (columns[name] <= high)
-    return {name: values[kept] for name, values in columns.items()}
+    return _rows(columns, kept)
 
 
 def _thin(columns: Columns, step: float) -> dict[str, NDArray[np.float64]]:
@@ -757,7 +754,7 @@ def _thin(columns: Columns, step: float) -> dict[str, NDArray[np.float64]]:
     for i, time in enumerate(columns["time_s"]):
         if not kept or time - columns["time_s"][kept[-1]] >= step:
             kept.append(i)
-    return {name: values[kept] for name, values in columns.items()}
+    return _rows(columns, kept)
 
 
 def _find_surface(columns: dict[str, NDArray[np.float64]], sigmas: float) -> None:
@@ -809,7 +806,7 @@ def convert(recipe: Mapping[str, Any], origin: Origin, folder: Path) -> int:
     ):
         writer = csv.writer(file)
         writer.writerow([*names, "run"])
-        for run, (_, columns) in enumerate(runs_of(recipe, origin)):
+        for run, columns in enumerate(runs_of(recipe, origin)):
             rows = zip(*(columns[name] for name in names), strict=True)
             writer.writerows([*(f"{value:.9g}" for value in row), run] for row in rows)
             total += len(columns[names[0]])
