@@ -107,18 +107,14 @@ def _try(job: CaseSpec, strength: float, rng: Generator) -> GeneratedCase | None
     if world.base == "rigid_body":
         context = replace(context, arm=Arm(_URDF.format(**world.law), tip_frame="tip"))
     channel, model = base.prepare(channel, context), base.build(context)
+    per_turn = "/".join(f"{n}" for n in reading.steps) + " a turn"
+    chain = f"printed to {reading.digits_m:g} m" if reading.digits_m else per_turn
     words = (
         f"{world.base}, {shape}, {len(channel.runs)} runs, {reading.rate_hz:.0f} Hz"
-        f"{' irregular' if reading.irregular else ''}, {_chain(reading)}, velocity {reading.velocity}, "
+        f"{' irregular' if reading.irregular else ''}, {chain}, velocity {reading.velocity}, "
         f"{reading.color} noise"
     )
     return GeneratedCase(job, channel, model, strength, read.floor, _truth(world, job, hidden), words)
-
-
-def _chain(reading: readings.ReadingChain) -> str:
-    if reading.digits_m:
-        return f"printed to {reading.digits_m:g} m"
-    return "/".join(f"{n}" for n in reading.steps) + " a turn"
 
 
 def _contact(rng: Generator, reading: readings.ReadingChain, runs: int) -> tuple[CaseWorld, str]:

@@ -254,15 +254,17 @@ class EmulatedRobstride(EmulatedMitMotor):
         if not whole or target != self.number:
             return []
         self._heard_s = now_s
+        index = int.from_bytes(data[:2], "little")
         if kind == 17:
-            index = int.from_bytes(data[:2], "little")
             known = {**self.parameters, _POSITION: self.measured.position_rad}
             if index not in known:
                 return [self._message(17, 1 << 8 | self.number, data[:2] + bytes(6))]
             packed = struct.pack(_PARAMETERS[index], known[index]).ljust(4, b"\0")
             return [self._message(17, self.number, data[:2] + bytes(2) + packed)]
         if kind == 18:
-            self._write(data)
+            if index in self.parameters:
+                (self.parameters[index],) = struct.unpack_from(_PARAMETERS[index], data, 4)
+                self.timeout_s = self.parameters.get(ROBSTRIDE_TIMEOUT, 0) / 20000 or None
         elif kind in (3, 4):
             self.error = 0 if kind == 4 and data[0] == 1 else self.error
             self.enabled = kind == 3 and not self.error
@@ -281,12 +283,6 @@ class EmulatedRobstride(EmulatedMitMotor):
             return []
         self._drive()
         return [self._reply()]
-
-    def _write(self, data: bytes) -> None:
-        index = int.from_bytes(data[:2], "little")
-        if index in self.parameters:
-            (self.parameters[index],) = struct.unpack_from(_PARAMETERS[index], data, 4)
-            self.timeout_s = self.parameters.get(ROBSTRIDE_TIMEOUT, 0) / 20000 or None
 
     def send_unrequested(self, now_s: float) -> list[can.Message]:
         """Check the watchdog, and return the pending fault reports (see `EmulatedMotor.send_unrequested`)."""
