@@ -42,13 +42,6 @@ class SectionTiming:
     max_s: float  # longest [s], exact
 
 
-def _bins_of(durations_s: FloatArray) -> IntArray:
-    """Return the index of each duration's bin, in the shape of the durations [s]."""
-    octaves = np.log2(np.clip(durations_s, 1e-9, 1e9))
-    bins: IntArray = np.floor(octaves * _BINS_PER_OCTAVE).astype(np.int64)
-    return bins.clip(_FIRST_BIN, _LAST_BIN) - _FIRST_BIN
-
-
 class Histogram:
     """Durations in fixed bins of constant relative width, 60 ns to 32 s."""
 
@@ -67,17 +60,10 @@ class Histogram:
         Args:
             durations_s: shape (n,) [s].
         """
-        self.add_bins(_bins_of(durations_s), float(durations_s.max(initial=0.0)))
-
-    def add_bins(self, bins: IntArray, longest_s: float) -> None:
-        """Count durations by their bins.
-
-        Args:
-            bins: index of each duration's bin, shape (n,).
-            longest_s: longest of the durations [s].
-        """
+        octaves = np.log2(np.clip(durations_s, 1e-9, 1e9))
+        bins = np.floor(octaves * _BINS_PER_OCTAVE).astype(np.int64).clip(_FIRST_BIN, _LAST_BIN) - _FIRST_BIN
         self._bins += np.bincount(bins, minlength=len(self._bins))
-        self.max_s = max(self.max_s, longest_s)
+        self.max_s = max(self.max_s, float(durations_s.max(initial=0.0)))
 
     def percentile(self, percent: float) -> float:
         """Compute a percentile with an error of at most 1.1 %.
@@ -124,10 +110,8 @@ class LoopTiming:
         durations_s = np.array(self._recent).reshape(-1, len(TickDurations._fields))
         self._recent.clear()
         tick_s = durations_s.sum(axis=1) - durations_s[:, TickDurations._fields.index("lateness_s")]
-        durations_s = np.column_stack((durations_s, tick_s))
-        columns = zip(_bins_of(durations_s).T, durations_s.max(axis=0, initial=0.0).tolist(), strict=True)
-        for histogram, (bins, longest_s) in zip(self._histograms.values(), columns, strict=True):
-            histogram.add_bins(bins, longest_s)
+        for histogram, column_s in zip(self._histograms.values(), (*durations_s.T, tick_s), strict=True):
+            histogram.add(column_s)
 
     def summary(self) -> Mapping[str, SectionTiming]:
         """Compute the figures by section, in the order of `SECTIONS`."""
