@@ -116,20 +116,17 @@ class JointFriction:
     # motion [N m], negative if the drive brakes.
     resistance_nm: Callable[[float, float], float]
 
-    def friction_nm(self, state: JointStepState, limit_nm: Sequence[float]) -> Sequence[float]:
-        """Add the resistance of one joint, shape (n,), 0 or more [N m]; called once at each physics step.
+    def limit_nm(self, state: JointStepState) -> float:
+        """Compute the resistance of the joint, 0 or more [N m]; called once at each physics step.
 
         As with `JointEffect`, the drive's torque sensor does not measure it.
 
         Args:
             state: motion of the joints.
-            limit_nm: sum so far, shape (n,) [N m].
         """
-        i, changed = self.index, list(limit_nm)
-        velocity_rad_s, drive_nm = state.velocity_rad_s[i], state.drive_torque_nm[i]
+        velocity_rad_s, drive_nm = state.velocity_rad_s[self.index], state.drive_torque_nm[self.index]
         along_nm = abs(drive_nm) if drive_nm * velocity_rad_s >= 0.0 else -abs(drive_nm)
-        changed[i] += self.resistance_nm(abs(velocity_rad_s), along_nm)
-        return changed
+        return self.resistance_nm(abs(velocity_rad_s), along_nm)
 
 
 class SensorHook(ABC):

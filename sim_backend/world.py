@@ -210,9 +210,9 @@ class World:
         for effect in self._effects.joint:
             torque = effect.joint_torque_nm(state, torque)
         if self._effects.friction:
-            limit: Sequence[float] = [0.0] * self.joint_count
+            limit = [0.0] * self.joint_count
             for friction in self._effects.friction:
-                limit = friction.friction_nm(state, limit)
+                limit[friction.index] += friction.limit_nm(state)
             self._engine.brake(limit)
         return torque
 
