@@ -12,6 +12,7 @@ from palpate.robot_io.robot_file import RobotFile
 from palpate.robot_io.types import FloatArray
 
 POSES = 400
+_UNSTABLE = 10.0  # multiple of the stable damping that shakes the arm in any pose
 _AGE_TICKS = 2.0  # age of a velocity when the arm acts on it, in ticks
 _LONG_WATCHDOG_S = 0.2
 _WEIGHTS = 10.0  # multiple of the arm's largest gravity torque, enough for all tasks
@@ -53,16 +54,20 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
     yield graded(
         "braking",
         f"damping {_listed(damping)} N m s/rad, stable up to {_listed(most)}",
+        (_FAIL, (damping > _UNSTABLE * most).any(), shakes),
+        (_FAIL, (damping == 0).all(), "no joint is braked in a stop: give them damping"),
         (_WARN, (damping > most).any(), shakes),
         (_WARN, (damping == 0).any(), "a joint without damping is not braked in a stop: give it some"),
     )
     ages_s = {name: getattr(limits, f"{name}_age_s") for name in ("encoder", "torque", "force")}
     lost = f"a single lost sample stops the arm: allow {2e3 * tick_s:g} ms or more"
+    old = "the arm would act on old samples: lower the limit"
     yield graded(
         "age limits",
         ", ".join(f"{device} {1e3 * age_s:g} ms" for device, age_s in ages_s.items()),
         (_WARN, min(ages_s.values()) < 2 * tick_s, lost),
-        (_WARN, max(ages_s.values()) > 50 * tick_s, "the arm would act on old samples: lower the limit"),
+        (_FAIL, max(ages_s.values()) > _NO_LATCH_S, old),
+        (_WARN, max(ages_s.values()) > 50 * tick_s, old),
     )
     for name, bus in robot_file.buses.items():
         watchdog_s = bus.settings.get("watchdog_s")

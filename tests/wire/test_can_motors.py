@@ -76,6 +76,16 @@ def test_constantly_late_frames_are_as_old_as_they_are(make_robot, path, late_ms
             assert late_ms - 1e-6 <= 1e3 * (measurement.time_s - sampled_at_s) <= late_ms + 2.6
 
 
+@ASKED
+def test_answers_that_come_too_late_once_are_no_second_motor(make_robot, path):
+    """A program that a busy machine delays by 55 ms while it configures its motors blames none of them."""
+    arm = make_robot(path)
+    arm.inject_fault("motors", FaultKind.DELAY, delay_s=0.055, times=1)
+    arm.robot.configure()
+    arm.ticks(20, None)
+    assert age_ms(arm.tick(None)) < 2.6
+
+
 def age_ms(measurement):
     return 1e3 * (measurement.time_s - min(measurement.encoder_at_s, measurement.torque_at_s))
 

@@ -14,7 +14,9 @@ error.
 import fcntl
 import os
 import re
+import socket
 import stat
+import sys
 import time
 from collections import Counter, deque
 from enum import StrEnum
@@ -200,6 +202,16 @@ class CanLineSettings(FileModel):
     timestamps: Timestamps = Timestamps.WALL  # meaning of its time stamps
 
     @model_validator(mode="after")
+    def _refuse_unknown_interface(self) -> Self:
+        try:
+            valid = sorted({SLCAN, *can.VALID_INTERFACES})
+        except ModuleNotFoundError:  # opening the adapter states which package is missing
+            return self
+        if self.interface not in valid:
+            raise ValueError(f"interface: {self.interface} is unknown. Valid: {', '.join(valid)}")
+        return self
+
+    @model_validator(mode="after")
     def _refuse_can_fd_over_slcan(self) -> Self:
         if self.fd and self.interface == SLCAN:
             raise ValueError("interface: slcan carries no CAN FD frames; use another interface of python-can")
@@ -246,8 +258,11 @@ class CanLine:
     def open(self) -> None:
         """Open the adapter; raise `DeviceError` if it is absent or cannot be opened, or is in use."""
         settings = self._settings
-        lock = None if settings.interface == SLCAN else PortLock(settings.channel)
+        lock = None
         try:
+            if settings.interface != SLCAN:
+                lock = PortLock(settings.channel, settings.interface)
+            _ = can.Message  # imported now: an import at the first frame would make its answer late
             if lock is None:
                 self._bus = _Slcan(str(settings.channel), settings.bitrate, self._clock, **settings.options)
             else:
@@ -379,34 +394,59 @@ class CanLine:
 
 
 class PortLock:
-    """Exclusive lock on a serial port, as pyserial and others use it; held until `release`.
+    """Exclusive lock on a serial port, as pyserial and others use it, or on a CAN channel; until `release`.
 
-    A channel that is not a port is not locked.
+    Parts of this program can share a channel, which the devices on it divide among themselves. A channel of
+    the interface "virtual" exists in this program only, and is not locked.
 
     Args:
-        channel: channel of the python-can interface, such as /dev/ttyACM0@115200.
+        channel: channel of the python-can interface, such as /dev/ttyACM0@115200 or can0.
+        interface: name of the interface.
 
     Raises:
-        DeviceError: another program, or another part of this one, uses the port.
+        DeviceError: another program uses the port or channel, or another part of this one uses the port.
     """
 
-    def __init__(self, channel: str | int) -> None:
+    _shared: ClassVar[dict[str, tuple[socket.socket, int]]] = {}  # open channels, with the number of users
+
+    def __init__(self, channel: str | int, interface: str = "virtual") -> None:
         self._fd = -1
+        self._name = ""
         path = str(channel).partition("@")[0]
         try:
-            if not stat.S_ISCHR(os.stat(path).st_mode):
-                return
-            self._fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+            is_port = stat.S_ISCHR(os.stat(path).st_mode)
+            self._fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK) if is_port else -1
         except OSError:
-            return  # opening the adapter reports the cause
-        try:
-            fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            self.release()
-            raise DeviceError(f"{path}: in use by another program") from error
+            is_port = path.startswith("/")  # opening the adapter reports the cause
+        if self._fd >= 0:
+            try:
+                fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                self.release()
+                raise DeviceError(f"{path}: in use by another program") from error
+        elif not is_port and interface != "virtual" and sys.platform == "linux":
+            self._lock_channel(f"{interface}/{channel}")
+
+    def _lock_channel(self, name: str) -> None:
+        """Bind an abstract socket, which Linux releases when this program ends, however it ends."""
+        lock, users = self._shared.get(name) or (socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM), 0)
+        if not users:
+            try:
+                lock.bind(f"\0palpate/can/{name}")
+            except OSError as error:
+                lock.close()
+                raise DeviceError("in use by another program, whose motors would lose their torque") from error
+        self._shared[name], self._name = (lock, users + 1), name
 
     def release(self) -> None:
-        """Release the port. Can be called repeatedly."""
+        """Release the port or channel. Can be called repeatedly."""
         fd, self._fd = self._fd, -1
         if fd >= 0:
             os.close(fd)
+        name, self._name = self._name, ""
+        if name:
+            lock, users = self._shared.pop(name)
+            if users > 1:
+                self._shared[name] = lock, users - 1
+            else:
+                lock.close()

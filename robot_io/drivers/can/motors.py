@@ -266,6 +266,8 @@ class MotorBus(JointBus, Examinable):
 
 
 ANSWER_S = 0.05  # longest wait for an answer; longer than any motor needs
+_LATE_ANSWER = f"answers come later than {ANSWER_S} s after their requests"
+_ATTEMPTS = 3  # requests to a silent motor while it is configured, since this program may be delayed
 _SECOND_ANSWER_S = 2e-3  # after this time, a second motor with the same id has answered too
 _LATEST_WATCHDOG = 1.5  # multiple of the watchdog's time by which it has fired
 _MARGIN_SHARE = 0.5  # variation of delays, as a share of a tick
@@ -336,11 +338,15 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
         """Open the adapter, receive a state of every motor with an id of its own, or raise `DeviceError`."""
         self.line.open()
         self._unrequested = [0] * self.joint_count
-        self._request_states(range(self.joint_count))
-        self._wait_for(lambda: -inf not in self._motion_at_s or any(self._unrequested), ANSWER_S)
-        self._wait_for(lambda: False, _SECOND_ANSWER_S)
-        self._refuse_duplicate_ids()
-        silent = [joint for joint, at_s in enumerate(self._motion_at_s) if at_s == -inf]
+        silent = list(range(self.joint_count))
+        for _ in range(_ATTEMPTS):
+            self._request_states(silent)
+            self._wait_for(lambda: -inf not in self._motion_at_s or any(self._unrequested), ANSWER_S)
+            self._wait_for(lambda: False, _SECOND_ANSWER_S)
+            self._refuse_duplicate_ids()
+            silent = [joint for joint, at_s in enumerate(self._motion_at_s) if at_s == -inf]
+            if not silent:
+                break
         if silent:
             problem = f"no answer in {ANSWER_S} s from {', '.join(map(self.motor_label, silent))}"
             if self._foreign_ids:
@@ -403,10 +409,13 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
             states, self._states[joint] = self._states[joint], []
             requested = [state for state, at_s in states if requests.answer(at_s)]
             self._answers[joint] += len(requested)
-            self._unrequested[joint] += len(states) - len(requested)
+            late = sum(requests.is_late() for _ in range(len(states) - len(requested)))
+            unrequested = len(states) - len(requested) - late
+            self._unrequested[joint] += unrequested
             if len(requested) < len(states) and any(state != states[0][0] for state, _ in states):
                 self._newest[joint] = None
-                self._last_problem[joint] = f"more answers than requests: {_TWO_MOTORS}"
+                cause = f"more answers than requests: {_TWO_MOTORS}" if unrequested else _LATE_ANSWER
+                self._last_problem[joint] = cause
             elif requested:
                 self._newest[joint] = requested[-1]
                 self._errors[joint], self._enabled[joint] = self._condition(requested[-1])

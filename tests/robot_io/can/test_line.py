@@ -1,6 +1,8 @@
 """CAN adapter: arrival times of frames, and adapter failures."""
 
 import os
+import subprocess
+import sys
 import time
 from types import SimpleNamespace
 
@@ -152,6 +154,32 @@ def test_serial_port_has_one_owner_and_other_channels_need_no_lock(tmp_path):
         one.release()
     os.close(master)
     os.close(slave)
+
+
+_HOLD = """
+import sys
+from palpate.robot_io.drivers.can.line import PortLock
+lock = PortLock("can_test", "socketcan")
+print("held", flush=True)
+sys.stdin.read()
+"""
+
+
+def test_can_channel_has_one_program_in_which_several_devices_share_it():
+    with subprocess.Popen(
+        [sys.executable, "-c", _HOLD], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as other:
+        assert other.stdout.readline() == "held\n"
+        with pytest.raises(DeviceError, match="in use by another program"):
+            PortLock("can_test", "socketcan")
+        PortLock("can_other", "socketcan").release()
+        other.kill()
+    first, second = (PortLock("can_test", "socketcan") for _ in range(2))
+    first.release()
+    refused = subprocess.run([sys.executable, "-c", _HOLD], stdin=subprocess.DEVNULL, capture_output=True)
+    assert b"in use by another program" in refused.stderr
+    second.release()
+    assert subprocess.run([sys.executable, "-c", _HOLD], stdin=subprocess.DEVNULL).returncode == 0
 
 
 def test_failure_to_close_an_adapter_is_reported(ends):
