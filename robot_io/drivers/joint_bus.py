@@ -195,7 +195,7 @@ class RequestQueue:
         return True
 
     def is_late(self) -> bool:
-        """Return whether an answer without an open request may belong to one that expired, and forget that one."""
+        """Return whether an answer without an open request may belong to an expired one, and forget that."""
         if not self._expired_s:
             return False
         self._expired_s.popleft()

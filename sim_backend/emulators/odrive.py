@@ -41,7 +41,7 @@ class EmulatedOdrive(EmulatedMotor):
         self._torque_constant = axis.torque_constant_nm_a or 1.0
         self.watchdog_s: float | None = settings.watchdog_s
         self._heartbeat_s = self._next_heartbeat_s = settings.heartbeat_s
-        self._next_cyclic_s = _CYCLIC_S
+        self._cyclic_s = self._next_cyclic_s = _CYCLIC_S
         self.velocity_limit_rev_s, self.current_limit_a = math.inf, math.nan
         self.velocity_limiter: tuple[float, float] | None = None
         self.supply_v = 24.0
@@ -117,7 +117,7 @@ class EmulatedOdrive(EmulatedMotor):
             self._disarm(OVERSPEED_BIT[self._firmware])
         messages = []
         if now_s >= self._next_cyclic_s - 1e-9:
-            self._next_cyclic_s = max(self._next_cyclic_s, now_s) + _CYCLIC_S
+            self._next_cyclic_s = max(self._next_cyclic_s, now_s) + self._cyclic_s
             messages += [self._encoder_estimates(), self._torque()]
         if now_s >= self._next_heartbeat_s - 1e-9:
             self._next_heartbeat_s = max(self._next_heartbeat_s, now_s) + self._heartbeat_s

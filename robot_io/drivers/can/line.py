@@ -435,7 +435,7 @@ class PortLock:
                 lock.bind(f"\0palpate/can/{name}")
             except OSError as error:
                 lock.close()
-                raise DeviceError("in use by another program, whose motors would lose their torque") from error
+                raise DeviceError("in use by another program, whose motors could lose torque") from error
         self._shared[name], self._name = (lock, users + 1), name
 
     def release(self) -> None:

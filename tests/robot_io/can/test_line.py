@@ -176,10 +176,14 @@ def test_can_channel_has_one_program_in_which_several_devices_share_it():
         other.kill()
     first, second = (PortLock("can_test", "socketcan") for _ in range(2))
     first.release()
-    refused = subprocess.run([sys.executable, "-c", _HOLD], stdin=subprocess.DEVNULL, capture_output=True)
-    assert b"in use by another program" in refused.stderr
+
+    def hold() -> subprocess.CompletedProcess:
+        command = [sys.executable, "-c", _HOLD]
+        return subprocess.run(command, check=False, stdin=subprocess.DEVNULL, capture_output=True)
+
+    assert b"in use by another program" in hold().stderr
     second.release()
-    assert subprocess.run([sys.executable, "-c", _HOLD], stdin=subprocess.DEVNULL).returncode == 0
+    assert hold().returncode == 0
 
 
 def test_failure_to_close_an_adapter_is_reported(ends):
