@@ -5,6 +5,7 @@ import pytest
 
 from palpate.robot_io.session import Session, write_session
 from palpate.runs.robots import find_robot
+from tests.log_in_process import LogInProcess
 from tests.palpate.cli import assert_refused, done, run
 from tests.robot_io.calibration.parts import load_calibration
 from tests.robot_io.session_parts import METADATA
@@ -42,10 +43,18 @@ def test_load_cell_record_gives_calibration_file_and_plot(table, tmp_path):
     assert "palpate calibrate force --robot follower --weights-kg" in result.stderr
 
 
-def test_recorded_weighing_is_evaluated_again_from_its_session(tmp_path):
-    session, out = tmp_path / "w.mcap", tmp_path / "w.yaml"
-    options = ("--weights-kg", "0,1,2,3,2,1,0", "--json", "--session", session, "-o", out)
-    first = json.loads(done("calibrate", "force", *options).stdout)
+@pytest.fixture(scope="module")
+def weighing(tmp_path_factory):
+    """The session of a weighing, and what the command said."""
+    session = tmp_path_factory.mktemp("weighing") / "w.mcap"
+    options = ("--weights-kg", "0,1,2,3,2,1,0", "--session", session, "-o", session.with_suffix(".yaml"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("palpate.runs.session.SessionWriter", LogInProcess)
+        return session, json.loads(done("calibrate", "force", *options, "--json").stdout)
+
+
+def test_recorded_weighing_is_evaluated_again_from_its_session(weighing, tmp_path):
+    session, first = weighing
     assert first["values"]["scale"]["value"] == pytest.approx(1.0, abs=1e-3)
     assert first["raw"] == str(session)
     assert {event.kind for event in Session.open(session).events} == {"reference_force"}
@@ -126,14 +135,13 @@ def own_arm(folder):
     return robot
 
 
-def test_existing_names_stay_in_the_robot_file_line(tmp_path, monkeypatch):
+def test_existing_names_stay_in_the_robot_file_line(weighing, tmp_path, monkeypatch):
     robot = own_arm(tmp_path / "my folder")
     monkeypatch.chdir(robot.parent)
     pose = ("calibrate", "encoder", "--robot", robot.name, "--pose", "home")
     assert run(*pose, "-o", "zeros.yaml", "--session", "e.mcap").exit_code == 0
     robot.write_text(robot.read_text() + "\ncalibration: {encoder: zeros.yaml}\n")
-    weighing = ("--weights-kg", "0,1,2,3,2,1,0", "-o", "cell.yaml", "--session", "f.mcap")
-    result = done("calibrate", "force", "--robot", robot.name, *weighing)
+    result = done("calibrate", "force", "--robot", robot.name, "--from", weighing[0], "-o", "cell.yaml")
     assert "  calibration: {encoder: zeros.yaml, force: cell.yaml}" in result.stderr
     assert "palpate probe --robot 'my arm.yaml'" in result.stderr
 

@@ -153,7 +153,7 @@ def path_under(settings=TORQUE_MOTION, **limits):
 
 def test_free_air_motion_runs_under_low_limits(tmp_path, log_in_process):
     job = job_in(tmp_path, "torque", [], robot=limited(velocity_rad_s=SLOW_RAD_S))
-    runs.run_motion(job, ExcitationSettings(duration_s=2.0, period_s=2.0))
+    runs.run_motion(job, ExcitationSettings(duration_s=1.0, period_s=1.0))
     ticks = opened(job).samples("tick")
     assert not ticks["guard_tripped"].any()
     assert np.all(np.abs(ticks["reference_velocity_rad_s"]).max(axis=0) < 0.6 * np.array(SLOW_RAD_S))

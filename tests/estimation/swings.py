@@ -66,6 +66,7 @@ def one_way_turns(extra):
 
 
 long_swings = partial(swings, runs=5)  # where what is tested goes by the number of runs
+coarse_swings = partial(swings, rate_hz=125.0)  # for searches and diagnoses, which are slow
 
 
 def read(data, *, step=0.0, noise=0.0, acceleration=True, seed=0):

@@ -19,6 +19,7 @@ from packaging.version import Version
 from palpate.robot_io.extras import EXTRAS, install_command
 from tests.palpate.cli import ROOT, assert_refused, run, run_process
 from tests.palpate.presses import write_presses
+from tests.palpate.sessions import cut
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 FOLDERS = ("palpate", "robot_io", "control", "estimation", "sim_backend", "calibration")
@@ -121,8 +122,8 @@ def test_missing_extra_is_named_where_it_is_needed(probed, tmp_path, monkeypatch
     from palpate.commands import COMMANDS
 
     monkeypatch.chdir(tmp_path)  # where the commands run
-    write_presses(tmp_path / "press.csv")
-    (tmp_path / "arm.mcap").symlink_to(probed[0])
+    write_presses(tmp_path / "press.csv", speeds_m_s=(0.06, 0.1))
+    cut(probed[0], tmp_path / "arm.mcap", 0.5)
     commands = [
         ["import", "press.csv", "-o", "press.mcap"],
         *([name, "press.mcap"] for name in ("info", "estimate", "compare")),

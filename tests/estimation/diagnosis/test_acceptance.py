@@ -29,7 +29,8 @@ from palpate.estimation.diagnosis.forms import analyze_kinds, form_tests
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.kinds import Kind
 from tests.estimation.searches import measured, reached, searched
-from tests.estimation.swings import one_way_turns, swings
+from tests.estimation.swings import coarse_swings as swings
+from tests.estimation.swings import one_way_turns
 
 SPRING, RUB, BIAS, SQUARE = "joint_spring", "coulomb_friction", "bias", "quadratic_friction"
 
@@ -390,7 +391,7 @@ def test_whole_effect_is_reported_even_with_a_rival_of_its_part():
 
 def test_parts_with_fewer_parameters_are_compared_with_their_whole():
     """Friction and a bias, where one effect has both; a whole of which a part is missing is no rival."""
-    data = swings(1, lambda q, v, a: 0.3 * np.tanh(v / 0.01) + 0.1)
+    data = swings(1, lambda q, v, a: 0.3 * np.tanh(v / 0.01) + 0.1, rate_hz=250.0)
     search = searched(data, RUB, BIAS, "asymmetric_friction")
     end = reached(search, RUB, BIAS)
     other = Candidate(EFFECTS["asymmetric_friction"](), None)

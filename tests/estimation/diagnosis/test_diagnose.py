@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 from importlib import import_module
 
 import numpy as np
@@ -26,7 +27,8 @@ from palpate.estimation.model import Model
 from palpate.estimation.models import MODELS
 from palpate.robot_io.errors import InputError
 from tests.estimation.presses import NOISE_N, RATE_HZ, K, channel, kelvin_voigt, maxwell, session
-from tests.estimation.swings import DAMPING, INERTIA, NOISE_NM, WEIGHT, late, link_angles, read, swings
+from tests.estimation.swings import DAMPING, INERTIA, NOISE_NM, WEIGHT, late, link_angles, read
+from tests.estimation.swings import coarse_swings as swings
 
 PRESS, SWING = (MODELS[name]().build(ModelContext()) for name in ("kelvin_voigt", "pendulum"))
 
@@ -124,7 +126,7 @@ HIDDEN = {
         ("coulomb_friction", "force", 0.3, 0.05),
     ),
     "a ripple behind a delay": (
-        lambda: swings(4, lambda q, v, a: 0.3 * np.sin(15.0 * q), sensor=late),
+        lambda: swings(4, lambda q, v, a: 0.3 * np.sin(15.0 * q), sensor=partial(late, samples=6)),
         {"delay", "torque_ripple"},
         ("delay", "time", 0.048, 0.05),
     ),
@@ -176,7 +178,7 @@ def test_effect_above_the_noise_is_named_beside_a_much_larger_one(seed, run_damp
 
 def test_backlash_is_identified_with_motor_inertia_and_friction():
     confused = ("coulomb_friction", "quadratic_friction", "joint_spring", "delay")
-    found = decide_verdict(swings(5, with_a_gap, runs=5), "backlash", *confused)
+    found = decide_verdict(swings(5, with_a_gap, runs=5, rate_hz=250.0), "backlash", *confused)
     assert named(found) == {"backlash"}
     (entry,) = found.accepted
     for name, truth in (("gap", 0.12), ("motor_inertia", 0.3), ("motor_friction", 0.8)):
@@ -436,12 +438,12 @@ def quick_turns(seed, friction_nm=0.0):
 @pytest.mark.parametrize("seed", [2, 4])  # the second looks like a backlash
 def test_smoothing_of_quick_turns_is_no_missing_effect(seed):
     """A window of derivatives holds a fourth of a turn, and removes more than the noise from its torque."""
-    diagnosis = diagnose(quick_turns(seed), SWING, rng=np.random.default_rng(0)).channels[0]
+    diagnosis = decide_verdict(quick_turns(seed), *SOME["joint_1"], seed=0)
     assert diagnosis.verdict is Verdict.ADEQUATE
     assert "smoothing of the motion" in diagnosis.reason
     assert diagnosis.final.rmse > 0.03  # where the noise is 0.01 N m
 
 
 def test_effect_beyond_the_smoothing_of_quick_turns_is_named():
-    diagnosis = diagnose(quick_turns(2, friction_nm=0.2), SWING, rng=np.random.default_rng(0)).channels[0]
+    diagnosis = decide_verdict(quick_turns(2, friction_nm=0.2), *SOME["joint_1"], seed=0)
     assert [accepted.effect for accepted in diagnosis.accepted] == ["coulomb_friction"]

@@ -23,7 +23,8 @@ from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.kinds import Kind
 from tests.estimation.contact_data import channel
 from tests.estimation.searches import PRESS, ROTOR, SWING, measured, reached, searched
-from tests.estimation.swings import NOISE_NM, one_way_turns, swings
+from tests.estimation.swings import NOISE_NM, one_way_turns
+from tests.estimation.swings import coarse_swings as swings
 
 TISSUE_NOISE_N = 5e-3
 RUB, RIPPLE, DRAG, SPRING = "coulomb_friction", "torque_ripple", "quadratic_friction", "joint_spring"

@@ -26,7 +26,8 @@ from palpate.estimation.kinds import Kind
 from palpate.estimation.model import Model
 from tests.estimation.presses import NOISE_N, session
 from tests.estimation.searches import PRESS, SWING, measured, reached, searched
-from tests.estimation.swings import INERTIA, WEIGHT, swings
+from tests.estimation.swings import INERTIA, WEIGHT
+from tests.estimation.swings import coarse_swings as swings
 
 BASE = SWING.effects
 
@@ -77,7 +78,7 @@ def test_simpler_law_that_leaves_more_is_not_named(monkeypatch):
 
 def test_simpler_law_replaces_an_undetermined_one_only_if_it_leaves_about_as_little():
     """It leaves a tenth more, and the force forwards is said to be uncertain."""
-    data = swings(1, lambda q, v, a: np.where(v > 0.0, 0.3, 0.285) * np.tanh(v / 0.01))
+    data = swings(1, lambda q, v, a: np.where(v > 0.0, 0.3, 0.285) * np.tanh(v / 0.01), rate_hz=250.0)
     search = searched(data, "coulomb_friction", "asymmetric_friction")
     end = reached(search, "asymmetric_friction")
     unknown = {name: replace(one, interval=(np.nan, np.nan)) for name, one in end.parameters.items()}
@@ -344,7 +345,7 @@ def test_misplaced_effect_is_searched_again_in_smaller_models_too():
 
 def test_steps_hidden_by_block_means_are_fitted_from_single_readings():
     step_nm = 0.5
-    data = swings(1)
+    data = swings(1, rate_hz=250.0)
     data = replace(data, effort=step_nm * np.round(data.effort / step_nm))
     search = searched(data, "quantisation")
     stepped = SWING.with_effect(EFFECTS["quantisation"]())
@@ -357,7 +358,7 @@ def test_steps_hidden_by_block_means_are_fitted_from_single_readings():
 
 def test_start_of_the_coarse_copy_does_not_replace_a_better_candidate():
     step_nm = 0.5
-    data = swings(1)
+    data = swings(1, rate_hz=250.0)
     data = replace(data, effort=step_nm * np.round(data.effort / step_nm))
     search = searched(data, "quantisation")
     stepped = SWING.with_effect(EFFECTS["quantisation"]())

@@ -34,7 +34,8 @@ from palpate.estimation.model import Model
 from tests.estimation.contact_data import channel
 from tests.estimation.presses import NOISE_N, kelvin_voigt, session
 from tests.estimation.searches import PRESS, ROTOR, SWING, measured, reached, searched
-from tests.estimation.swings import DAMPING, NOISE_NM, no_torque, swings
+from tests.estimation.swings import DAMPING, NOISE_NM, no_torque
+from tests.estimation.swings import coarse_swings as swings
 
 BOTH = ("joint_spring", "coulomb_friction")  # the most telling first
 
@@ -204,7 +205,7 @@ def test_kind_is_replaceable_if_another_is_indistinguishable_from_its_effects(sw
 )
 def test_form_is_not_exact_if_the_law_of_another_kind_fits_as_well(hidden, form):
     sliding = {"viscous": no_torque, "coulomb": lambda q, v, a: 0.5 * np.tanh(v / 0.02) - DAMPING * v}
-    data = swings(1, sliding[hidden])
+    data = swings(1, sliding[hidden], rate_hz=250.0)
     pendulum = Model("pendulum", (EFFECTS["pendulum"](),))
     library = (EFFECTS["coulomb_friction"](),)
     (found,) = diagnose(data, pendulum, library, rng=np.random.default_rng(0)).channels
@@ -271,9 +272,8 @@ def test_single_candidates_are_ranked_by_remaining_error():
 
 def test_reason_states_which_criterion_the_best_effect_fails():
     """The hidden friction depends on the position, so a constant one has only a part of its form."""
-    search = searched(
-        swings(1, lambda q, v, a: 0.4 * np.tanh(v / 0.02) * (1.0 + np.cos(5.0 * q))), "coulomb_friction"
-    )
+    law = lambda q, v, a: 0.4 * np.tanh(v / 0.02) * (1.0 + np.cos(5.0 * q))  # noqa: E731
+    search = searched(swings(1, law, rate_hz=250.0), "coulomb_friction")
     kinds = analyze_kinds(search)
     found = decide_verdict(Evidence(search, measured(search), search.start, False, None, (), kinds, kinds))
     share = r"but its form explains only \d\d % of the error that a flexible law of friction explains"
