@@ -3,7 +3,6 @@
 import shlex
 from collections.abc import Collection
 from dataclasses import dataclass
-from itertools import compress
 
 import numpy as np
 
@@ -171,7 +170,10 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         name, dimension = guess.column, dimension_by_name[guess.column]
         by_unit = (quantity for quantity in _UNITS if dimension in QUANTITIES[quantity])
         quantity = guess.quantity or quantity_in(name) or next(by_unit, "")
-        if table.numeric_share(name) > 0.5 and (quantity != "time" or _is_clock(table, name)):
+        is_signal = (
+            _is_clock(table, name) if quantity == "time" else quantity in EFFORTS or table.varies(name)
+        )
+        if table.numeric_share(name) > 0.5 and is_signal:
             found.setdefault(quantity, name)
     found |= {key[0]: assigned.column for key, assigned in columns.assigned.items()}
     if found.keys().isdisjoint(EFFORTS):
@@ -180,6 +182,8 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
             "or the command of a drive, add --column force_N=COLUMN or --column torque_Nm=COLUMN; if another "
             "file with the same rows holds it, give both files"
         )
+    if found.keys().isdisjoint({"position", "displacement"}):
+        needed = f"by names and units, no column seems to hold a position or displacement; {needed}"
     turns = "force" not in found or is_angle(found.get("position", ""))
     if turns:
         found.setdefault("torque", found.get("force", ""))
@@ -205,9 +209,13 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
 
 def _is_clock(table: Table, name: str) -> bool:
     """Return whether a column increases, possibly repeating times, and restarting in each run."""
-    table = table.select(table.filled_rows(name))
-    steps = np.diff(table.numbers(name)) if table.varies(name) else np.zeros(1)
-    return bool(np.mean(steps >= 0.0) > _RISES and np.mean(steps > 0.0) > 1.0 - _RISES)
+    return table.varies(name) and _rising_share(table.select(table.filled_rows(name)), name) > _RISES
+
+
+def _rising_share(table: Table, name: str) -> float:
+    """Return the share of rows in which a column does not decrease; 0 if it rarely increases."""
+    steps = np.diff(table.numbers(name))
+    return float(np.mean(steps >= 0.0)) if np.mean(steps > 0.0) > 1.0 - _RISES else 0.0
 
 
 def _options_without_names(columns: ColumnAssignment) -> str:
@@ -218,9 +226,8 @@ def _options_without_names(columns: ColumnAssignment) -> str:
     options = []
     if "time" not in given and len(left) >= _MIN_COLUMNS:
         clocks = clocks_of(table.columns)
-        is_clock = (name in clocks or np.mean(np.diff(table.numbers(name)) > 0.0) > _RISES for name in valid)
-        clock = next(compress(valid, is_clock), None)
-        if clock is not None:
+        clock = max(valid, key=lambda name: name in clocks or _rising_share(table, name), default="")
+        if clock and (clock in clocks or _rising_share(table, clock) > _RISES):
             options.append(f"--column time={shlex.quote(clock)}")
             left.remove(clock)
             valid.remove(clock)

@@ -98,6 +98,10 @@ def choose_columns(
         for guess in clear
         if guess.quantity in _DERIVABLE and guess.key not in keys and guess in user_guesses
     ]
+    # Several columns without a change are settings, such as gains of a controller, and no measurement.
+    for key in [key for key in keys if len(guesses_of[key]) > 1]:
+        if not any(table.varies(guess.column) for guess in guesses_of[key]):
+            keys.remove(key)
     fitting = {key: _best_matches(table, key, guesses_of[key]) for key in keys}
     chosen = {key: (Role(*key, best.unit, shift), best.column) for key, (best, *_) in fitting.items()}
     questions, answers = [], []

@@ -132,6 +132,8 @@ def _read_text(path: Path) -> tuple[bytes, str]:
     content = re.sub(rb"\xe2\x88\x92(?<![0-9A-DF-Za-df-z]\xe2\x88\x92)(?=[\d.])", b"-", content)
     for mark in (b"'", b"\xe2\x80\x99"):  # in "1'000"
         content = re.sub(mark + rb"(?<=\d" + mark + rb")(?=\d{3}(?!\d))", b"", content)
+    if 0 < content.count(b";") == len(_ROW_END.findall(content)):  # it only ends rows
+        content = _ROW_END.sub(b"", content)
     if _FORTRAN.search(content[:_LOOKED_AT]):
         content = re.sub(rb"[dD](?<=[\d.]{2}[dD])(?=[-+]\d\d)", b"e", content)
     first_lines = content.lstrip()[: _MAX_LINE_BYTES + 1]
@@ -140,6 +142,7 @@ def _read_text(path: Path) -> tuple[bytes, str]:
     return content, encoding
 
 
+_ROW_END = re.compile(rb";(?=[ \t]*\r?(?:\n|$))")
 _FORTRAN = re.compile(rb"\d\.\d*[dD][-+]\d\d")  # a number of double precision, such as "1.5D+03"
 _NAMES_IN_QUOTES = re.compile(rb'(?:[^"\r\n]|"[^"]{0,1000}")+')  # one row with quoted line breaks
 

@@ -252,6 +252,7 @@ _IMPLAUSIBLE: tuple[tuple[str, _Check], ...] = (
     ("excitation", sampling.single_speed),
     ("excitation", motion_and_effort.unrelated),
     ("excitation", motion_and_effort.late_touch),
+    ("readings", readings.unsigned),
 )
 _IMPLAUSIBLE_WITH_MODEL: tuple[tuple[str, Callable[[ChannelData, Model | None], str | None]], ...] = (
     ("saturation", readings.saturated),

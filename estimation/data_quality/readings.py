@@ -247,6 +247,8 @@ _MIN_GAIN = 1.5
 # the effort as recorded: 0.002 for such efforts, 1 or more for others; most corrections of the signs.
 _MAX_MAGNITUDE_ERROR, _MAX_SIGN_STEPS = 0.1, 20
 _CLEAR = 4.0  # multiple of the noise above which no reading is rectified noise
+_MOVES = 0.1  # least speed of a moving joint, relative to the largest
+_MIN_WAY, _ALIKE = 0.1, 0.3  # least share of samples in the rarer direction, and ratio of the mean efforts
 _FOLDED = (
     "no reading is below zero, though {count} lie within the noise of zero, {noise:.2g} {unit}: "
     "the signal was rectified"
@@ -317,6 +319,28 @@ def _is_magnitude(effort: FloatArray, data: ChannelData) -> bool:
             break
     error = np.mean((effort - np.abs(fitted)) ** 2)
     return bool(error < _MAX_MAGNITUDE_ERROR * np.mean(as_recorded**2))
+
+
+def unsigned(data: ChannelData) -> str | None:
+    """Report a joint's effort that may be only a size: never negative, zero at times, and alike both ways.
+
+    Args:
+        data: the channel; a subtracted tare is added again.
+    """
+    effort, speed = _untared(data), np.abs(data.velocity)
+    if data.kind is ChannelKind.CONTACT or len(effort) == 0 or effort.min() != 0.0:
+        return None
+    moving = speed > _MOVES * float(speed.max())
+    ways = [effort[moving & (np.sign(data.velocity) == side)] for side in (1.0, -1.0)]
+    if min(map(len, ways)) < _MIN_WAY * np.count_nonzero(moving):
+        return None
+    weaker, stronger = sorted(float(np.mean(way)) for way in ways)
+    if weaker < _ALIKE * stronger:
+        return None
+    return (
+        "no reading is below zero, although the joint moves both ways: if the effort is only the size of a "
+        "signed one, as of a current, record it with its sign"
+    )
 
 
 def folded_in_contact(data: ChannelData) -> BoolArray:

@@ -245,6 +245,29 @@ def test_clock_of_columns_without_names_is_never_proposed_as_the_motion(tmp_path
     assert refusal(path).endswith(proposed)
 
 
+def test_clock_that_repeats_times_is_proposed_before_a_motion_that_mostly_rises(tmp_path):
+    clock = np.repeat(TIME_S[::3], 3)[: len(TIME_S)]
+    way = np.linspace(0.0, 1.0, len(TIME_S))
+    way[5] = -0.1
+    message = refusal(saved(tmp_path / "own.csv", lines(way, clock, FORCE_N, FORCE_N)))
+    assert message.endswith("--column time='column 2' --column displacement=COLUMN --column force=COLUMN")
+
+
+def test_semicolon_at_the_end_of_each_row_is_no_part_of_the_last_column(tmp_path):
+    header = "time_s, displacement_m, force_N;\n"
+    rows = lines(TIME_S, WAY_M, FORCE_N).replace(",", ", ").replace("\n", ";\r\n")
+    (channel,) = import_file(saved(tmp_path / "own.txt", header + rows)).channels
+    np.testing.assert_allclose(channel.effort, FORCE_N, atol=1e-6)
+
+
+def test_settings_that_never_change_are_not_proposed_as_the_motion(tmp_path):
+    same = np.full(len(TIME_S), 0.5)
+    header = "time_s,position_p,position_d,torque_Nm\n"
+    message = refusal(saved(tmp_path / "own.csv", header + lines(TIME_S, 1e4 * same, same, FORCE_N)))
+    assert "position_p" not in message.partition("by names")[2]
+    assert "no column seems to hold a position or displacement" in message
+
+
 def test_proposed_columns_keep_the_units_that_are_given(tmp_path):
     path = saved(tmp_path / "own.csv", "time_s,w,load\n" + lines(TIME_S, WAY_M, FORCE_N))
     message = refusal(path, columns={"force_kN": "load"})

@@ -558,3 +558,12 @@ def test_smooth_force_outside_the_object_is_not_noise(noise_n, is_contact):
     speed = 1e-2 * np.cos(10.0 * DATA.time_s)
     data = replace(DATA, position=swing, velocity=speed, effort=100.0 * speed + noise)
     assert ("no contact: the force" in (reject_reason(data) or "")) is not is_contact
+
+
+def test_effort_that_may_be_a_size_without_its_sign_causes_a_warning():
+    data = swinging(torque=lambda q, v, a: 0.6 * np.tanh(20.0 * v))
+    coarse = replace(data, effort=0.5 * np.floor(np.abs(data.effort) / 0.5))
+    said = "no reading is below zero, although the joint moves both ways"
+    assert any(said in warning for warning in quality_warnings(coarse))
+    for sound in (data, replace(data, effort=coarse.effort + 0.5)):  # a load may act on one side
+        assert not any(said in warning for warning in quality_warnings(sound))
