@@ -82,6 +82,7 @@ def run_heterogeneity(
 
 _FREE_AIR_SHARE = 0.9  # share of the samples before a contact that is used; the last ones may be in contact
 _MIN_SAMPLES = 50  # samples needed for an estimate
+_MIN_IN_RUN = 20  # samples of a run before its contact that show noise about their mean
 _GROWTH = 1.2  # ratio of the noise of all readings to that in free air above which it grows with the effort
 _DIFFERENCES = (1.0, -3.0, 3.0, -1.0)  # third difference of neighboring readings, which removes smooth motion
 # Quantile up to which differences are used, and the RMS of normal noise up to it in standard deviations.
@@ -210,7 +211,8 @@ def _estimate_noise(base: FitResult) -> MeasurementNoise:
     jumps = is_contact & ((smooth == 0.0) != (simulated == 0.0))
     motion_noise = rmse(np.where(base.scored & ~jumps, simulated - smooth, np.nan))
     air, fast = free_air_noise(data), fast_noise(data)
-    if air and air <= bound:  # a sensor that reads zero in free air does not show its noise
+    # A sensor that reads zero in free air does not show its noise. Chance may lift both estimates.
+    if air and _CLEARLY_BELOW * air <= bound:
         effort, effort_source = air, NoiseSource.FREE_AIR
         if fast and fast > _GROWTH * air:
             effort, effort_source = min(fast, bound), NoiseSource.NEIGHBORS
@@ -226,7 +228,7 @@ def _estimate_noise(base: FitResult) -> MeasurementNoise:
 
 
 def rows_before_contact(data: ChannelData) -> list[IntArray]:
-    """Return the samples of each run that are clearly before its first contact, if there are enough.
+    """Return the samples of each run that are clearly before its first contact, if there are enough in all.
 
     Args:
         data: the channel.
@@ -236,9 +238,9 @@ def rows_before_contact(data: ChannelData) -> list[IntArray]:
         pressed = data.engaged[rows]
         before = rows[: int(np.argmax(pressed)) if pressed.any() else len(rows)]
         before = before[: int(_FREE_AIR_SHARE * len(before))]
-        if len(before) >= _MIN_SAMPLES:
+        if len(before) >= _MIN_IN_RUN:
             parts.append(before)
-    return parts
+    return parts if sum(map(len, parts)) >= _MIN_SAMPLES else []
 
 
 def free_air_noise(data: ChannelData) -> float | None:

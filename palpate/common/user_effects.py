@@ -17,6 +17,7 @@ from palpate.common.files import existing_file
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.units import LARGEST_NUMBER
 from palpate.estimation.effect import (
+    SIGNALS,
     AdditiveEffect,
     Effect,
     MemoryEffect,
@@ -185,16 +186,33 @@ def _flaws(effect_type: Any) -> Iterator[tuple[str, str]]:  # noqa: ANN401, it m
             return
     if not issubclass(effect_type, AdditiveEffect | MotionEffect | MemoryEffect | SensorEffect):
         yield "", "derive it from AdditiveEffect, MotionEffect, MemoryEffect or SensorEffect"
+    yield from _parameter_flaws(effect_type)
+    if unknown := [str(signal) for signal in effect_type.signals if signal not in SIGNALS]:
+        yield "signals", f"its signals contain {', '.join(unknown)}. Valid: {', '.join(SIGNALS)}"
+    rivals = effect_type.confused_with
+    if not (isinstance(rivals, Mapping) and all(isinstance(n, str) and n.isidentifier() for n in rivals)):
+        yield "confused_with", f"its confused_with is {rivals!r}, expected a dict of experiments by effect"
+
+
+def _parameter_flaws(effect_type: type[Effect]) -> Iterator[tuple[str, str]]:
+    """Yield `gains` or `inner` with each error in a parameter."""
     pairs = [(group, p) for group in ("gains", "inner") for p in getattr(effect_type, group)]
     for what, p in pairs:
         if not (p.lower < p.upper and p.typical[0] <= p.typical[1]):
             bounds = f"bounds {p.lower:g} and {p.upper:g} and typical range {p.typical}"
             yield what, f"{bounds} of parameter '{p.name}' are not in ascending order"
+        elif not p.lower <= p.typical[0] <= p.typical[1] <= p.upper:
+            yield (
+                what,
+                f"typical range {p.typical} of parameter '{p.name}' exceeds {p.lower:g} to {p.upper:g}",
+            )
         if not (isinstance(p.name, str) and p.name.isidentifier()):
             yield what, f"a parameter's name is {p.name!r}, expected letters, digits and _"
-    rivals = effect_type.confused_with
-    if not (isinstance(rivals, Mapping) and all(isinstance(n, str) and n.isidentifier() for n in rivals)):
-        yield "confused_with", f"its confused_with is {rivals!r}, expected a dict of experiments by effect"
+        try:
+            p.unit_of(ChannelKind.CONTACT)
+        except (AttributeError, IndexError, KeyError, ValueError):
+            valid = "{effort}, {position} and {inertia}"
+            yield what, f"unit {p.unit!r} of parameter '{p.name}': its valid placeholders are {valid}"
 
 
 def _all(made: Any, kind: type) -> bool:  # noqa: ANN401

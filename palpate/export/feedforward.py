@@ -142,7 +142,7 @@ TABLE = {{
 
 
 def feedforward(joint: int, position: float, velocity: float, acceleration: float) -> float:
-    """Effort that moves a joint [N m, or N of a linear axis].
+    """Effort that moves a joint, in the unit beside its row: N m, N, or rad of a servo's goal error.
 
     Args:
         joint: number of the joint, from 1; KeyError for one that is not in the table.
@@ -173,7 +173,8 @@ static const struct {{
 }} feedforward_table[] = {{
 {rows}}};
 
-/* Effort that moves a joint [N m, or N of a linear axis]; NAN for a joint that is not in the table.
+/* Effort that moves a joint, in the unit beside its row: N m, N, or rad of a servo's goal error; NAN for a
+ * joint that is not in the table.
  *
  * joint: its number, from 1; position [rad, or m], velocity and acceleration: desired.
  */

@@ -90,7 +90,8 @@ def run_in_processes(todo: Mapping[str, Case], folder: Path, workers: int) -> It
 def _serve(pipe: "Connection[str, tuple[Case, str]]", folder: Path) -> None:
     """Run cases as they arrive, and send an empty string or the error for each."""
     end_with_parent()
-    with threadpool_limits(1), suppress(EOFError):  # each core has its own worker; the parent may have ended
+    # Each core has its own worker. The parent may end, or end the pipe.
+    with threadpool_limits(1), suppress(EOFError, ConnectionError):
         while True:
             case, address = pipe.recv()
             try:

@@ -158,6 +158,14 @@ def test_free_air_noise_is_that_before_the_first_touch(before, zero, noise, told
     assert free_air_noise(swings(1)) is None
 
 
+def test_short_stretches_of_free_air_in_several_runs_show_the_noise_together():
+    run, at = np.repeat(np.arange(4), 100), np.tile(np.arange(100), 4)
+    depth = np.where(at < 30, -0.01, 0.01)
+    force = 0.1 * WAVE + np.where(at >= 30, 50.0, 0.0) + run
+    assert free_air_noise(contact(depth, force, run)) == pytest.approx(0.1, rel=2e-3)
+    assert free_air_noise(contact(depth[:100], force[:100])) is None
+
+
 def test_runs_with_their_own_zero_have_one_free_air_noise():
     run = np.repeat([0, 1, 2], [200, 150, 50])
     force = np.array([0.1, 0.3, 9.0])[run] * WAVE + np.array([0.0, 5.0, 0.0])[run]
