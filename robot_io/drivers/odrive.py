@@ -1,8 +1,8 @@
 """ODrive axes on a CAN bus, in torque mode through CANSimple.
 
-The axes send cyclic messages; a tick contains no requests. The axes must be set up over USB beforehand: node
-id, bit rate, the rates of the cyclic messages (encoder estimates, and motor current with firmware 0.5 or
-torques with 0.6, at the control rate), current limit and watchdog.
+The axes send cyclic messages, and answer rare requests, which show the delay. They must be set up over USB
+beforehand: node id, bit rate, the rates of the cyclic messages (encoder estimates, and motor current with
+firmware 0.5 or torques with 0.6, at the control rate), current limit and watchdog.
 """
 
 from collections.abc import Mapping
@@ -18,6 +18,7 @@ from palpate.robot_io.drivers.can.line import CanFrame, CanLineSettings
 from palpate.robot_io.drivers.can.motors import MotorBus, MotorMounting
 from palpate.robot_io.drivers.joint_bus import joint_drivers
 from palpate.robot_io.drivers.odrive_protocol import AxisState, Firmware, Heartbeat, OdriveCommand
+from palpate.robot_io.drivers.odrive_stream import ASK_PERIOD_S, AnswerDelay, EstimateStream
 from palpate.robot_io.errors import DeviceError
 from palpate.robot_io.examination import Finding, fail, ok, warn
 from palpate.robot_io.files.file_model import Positive, TorqueConstant
@@ -61,9 +62,17 @@ _CLEAR_SHARE = 0.02  # minus this share of its largest torque,
 _SHORT_SAMPLES = 5  # in so many consecutive samples
 _SPARE_SPEED = 1.5  # multiple of the robot file's limit, so that the guard stops the arm before an axis fails
 _LOST_HEARTBEATS = 3.5  # heartbeat periods without a heartbeat after which the axis is lost
+_FEWEST_BEATS = 2  # in that time, when the axis is configured
 _LATENCY_ROUNDS = 3  # measurements of an axis's answering time, of which the shortest counts
 _LATEST_ANSWER_S = 0.05  # longest wait for an answer
+_SECOND_ANSWER_S = 2e-3  # after this time, a second axis with the same id has answered too
+_WINDOWS = 3  # attempts to receive messages at the right rate; the machine may be busy
 _ENCODER_ERRORS = {"ENCODER_FAILED", "MISSING_ESTIMATE", "SPINOUT_DETECTED", "UNKNOWN_POSITION"}
+
+
+def _is_double(share: float) -> bool:
+    """Return whether a rate, as a share of the stated one, is about twice that."""
+    return 1.6 <= share <= 2.5
 
 
 class OdriveBus(MotorBus):
@@ -79,14 +88,15 @@ class OdriveBus(MotorBus):
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         validated = context.settings_as(OdriveBusSettings, settings)
         super().__init__(validated, validated.axes, context)
-        self._settings = validated
+        self._settings, self._control_rate_hz = validated, context.robot_file.control_rate_hz
         self._axes, count = validated.axes, len(validated.axes)
         self._joint_by_node = {axis.node_id: joint for joint, axis in enumerate(validated.axes)}
         self._heartbeats: list[Heartbeat | None] = [None] * count
         self._heartbeat_at_s = [-inf] * count
         self._supply_v: dict[int, float] = {}
-        self._answered_at_s = [-inf] * count
-        self._latency_s = [0.0] * count
+        self._answered_at_s, self._answers = [-inf] * count, [0] * count
+        self._beats = [0] * count  # heartbeats since a window began
+        self._start_streams([0.0] * count)
         self._versions: dict[int, tuple[int, int, int]] = {}
         self._sent_nm, self._expected_nm = [0.0] * count, [0.0] * count  # at the motors
         self._short_nm, self._short_count = [0.0] * count, [0] * count
@@ -98,7 +108,8 @@ class OdriveBus(MotorBus):
         """Open the adapter, receive data from every axis, check the firmware, and set all axes to idle.
 
         Raises:
-            DeviceError: the adapter cannot be opened, or an axis is silent or of another firmware.
+            DeviceError: the adapter cannot be opened; an axis is silent, of another firmware, or sends at
+            another rate; or two axes have one node id.
         """
         self.line.open()
         self._send_all(self._frames(OdriveCommand.SET_AXIS_STATE, AxisState.IDLE))
@@ -107,23 +118,109 @@ class OdriveBus(MotorBus):
         for joint in range(self.joint_count):
             if problem := self._setup_problem(joint):
                 raise self._motor_error(joint, problem)
-        # Measure each axis's answering time, which corrects the times of its samples: CAN frames carry no
-        # time, and a constant delay would go unnoticed. A silent axis is assumed to have no delay.
-        latencies_s = []
-        for _ in range(_LATENCY_ROUNDS):
-            self._answered_at_s = [-inf] * self.joint_count
-            asked_s = self._clock.now_s()
-            self._send_all(self._frames(OdriveCommand.BUS_VOLTAGE_CURRENT))
-            complete = self._wait_for(lambda: -inf not in self._answered_at_s, _LATEST_ANSWER_S)
-            latencies_s.append([at_s - asked_s for at_s in self._answered_at_s])
-            if not complete:
-                break
-        self._latency_s = [max(0.0, min(delays_s)) for delays_s in zip(*latencies_s, strict=True)]
+        # The answering time corrects the times of the samples: CAN frames carry no time, and a constant delay
+        # would go unnoticed. A silent axis is assumed to have no delay.
+        self._check_heartbeats()
+        self._start_streams(self._measure_latencies())
         for joint in range(self.joint_count):
             self._check_rate(joint, self._motion_at_s, self._limits.encoder_age_s, "encoder")
             self._check_rate(joint, self._torque_at_s, self._limits.torque_age_s, "torque")
 
+    def _start_streams(self, latencies_s: list[float]) -> None:
+        """Follow the axes' messages from now on, after delays (n) [s]."""
+        now_s, limit_s = self._clock.now_s(), self._limits.encoder_age_s
+        self._delays = [
+            AnswerDelay(latency_s, now_s + 1e-3 * (joint + 1), limit_s)
+            for joint, latency_s in enumerate(latencies_s)
+        ]
+        self._streams = [EstimateStream(now_s) for _ in latencies_s]
+
+    def _check_heartbeats(self) -> None:
+        """Raise a DeviceError if heartbeats come too rarely, or twice as often, and voltages unasked."""
+        total, seconds = [0] * self.joint_count, 0.0
+        self._answers = [0] * self.joint_count
+        for _ in range(_WINDOWS):
+            self._beats = [0] * self.joint_count
+            begun_s = self._clock.now_s()
+            self._wait_for(lambda: False, self._heartbeat_timeout_s)
+            seconds += self._clock.now_s() - begun_s
+            total = [before + count for before, count in zip(total, self._beats, strict=True)]
+            share = [count * self._settings.heartbeat_s / seconds for count in total]
+            if min(self._beats) >= _FEWEST_BEATS and not any(_is_double(one) for one in share):
+                break
+        else:
+            for joint, count in enumerate(total):
+                stated_s, remedy = self._settings.heartbeat_s, f"set {self._rate_commands[0]}"
+                if count < _WINDOWS * _FEWEST_BEATS:
+                    problem = f"number of heartbeats in {seconds:.2g} s is {count}, too few for heartbeat_s"
+                    raise self._motor_error(joint, f"{problem}: {stated_s:g}; {remedy}")
+                if _is_double(share[joint]):
+                    problem = f"heartbeats come twice as often as heartbeat_s: {stated_s:g} states"
+                    raise self._two_axes(joint, f"{problem}; if it is one axis, {remedy}")
+        for joint, count in enumerate(self._answers):
+            if count:
+                setting = odrive.VOLTAGE_PERIOD[self._settings.firmware]
+                problem = "sends its supply voltage unasked, which hides the delay of its answers"
+                raise self._motor_error(joint, f"{problem}; set {setting} = 0")
+
+    def _measure_latencies(self) -> list[float]:
+        """Return the shortest answering times (n) [s], 0 for a silent axis; refuse two answers of an id."""
+        latencies_s, self._answers = [inf] * self.joint_count, [0] * self.joint_count
+        for _ in range(_LATENCY_ROUNDS):
+            self._answered_at_s = [inf] * self.joint_count
+            asked_s = self._clock.now_s()
+            self._send_all(self._frames(OdriveCommand.BUS_VOLTAGE_CURRENT))
+            self._wait_for(lambda: inf not in self._answered_at_s, _LATEST_ANSWER_S)
+            latencies_s = [
+                min(latency_s, max(at_s - asked_s, 0.0))
+                for latency_s, at_s in zip(latencies_s, self._answered_at_s, strict=True)
+            ]
+            self._wait_for(lambda: False, _SECOND_ANSWER_S)
+        for joint, count in enumerate(self._answers):
+            if count > _LATENCY_ROUNDS + 1:  # one frame may have been sent twice
+                raise self._two_axes(joint, f"{count} answers to {_LATENCY_ROUNDS} requests")
+        return [0.0 if latency_s == inf else latency_s for latency_s in latencies_s]
+
+    def _two_axes(self, joint: int, evidence: str) -> DeviceError:
+        node = self._axes[joint].node_id
+        return self._motor_error(joint, f"two axes have node id {node}: {evidence}")
+
+    def poll(self, deadline_s: float) -> None:
+        """See `MotorBus.poll`; without torque, also asks for the delay."""
+        try:
+            super().poll(deadline_s)
+        finally:
+            if not (self._powered or self.line.bus_off):
+                self._ask_delays(deadline_s)
+
+    def flush(self, deadline_s: float) -> None:
+        # Any frame feeds a watchdog, so with torque a request only goes out with a command.
+        is_commanded = bool(self._staged)
+        super().flush(deadline_s)
+        if is_commanded:
+            self._ask_delays(deadline_s)
+
+    def _ask_delays(self, deadline_s: float) -> None:
+        """Ask the first axis whose delay is due to be measured."""
+        now_s = self._clock.now_s()
+        for axis, delay in zip(self._axes, self._delays, strict=True):
+            if delay.is_due(now_s):
+                delay.ask(now_s)
+                self._send(odrive.encode_command(axis.node_id, OdriveCommand.BUS_VOLTAGE_CURRENT), deadline_s)
+                return
+
+    def _drain(self, deadline_s: float) -> None:
+        super()._drain(deadline_s)
+        now_s = self._clock.now_s()
+        for joint, stream in enumerate(self._streams):
+            stream.check_rate(now_s)
+            self._motion_is_wrong[joint] |= bool(self._evidence_of_two_axes(joint))
+
+    def _evidence_of_two_axes(self, joint: int) -> str:
+        return self._streams[joint].problem or self._delays[joint].problem
+
     def _report(self) -> list[Finding]:
+        self._drain(self._clock.now_s())  # frames from before are no answers
         self._heartbeats = [None] * self.joint_count
         self._motion_at_s, self._torque_at_s = [-inf] * self.joint_count, [-inf] * self.joint_count
         for message in (OdriveCommand.BUS_VOLTAGE_CURRENT, OdriveCommand.GET_VERSION):
@@ -153,11 +250,14 @@ class OdriveBus(MotorBus):
         return ok(label, value)
 
     def tick_wire_s(self) -> float | None:
-        """See `Examinable.tick_wire_s`: estimates, torques and command of each axis; heartbeats are rare."""
-        return self.joint_count * (2 * self._frame_s(8) + self._frame_s(4))
+        """See `Examinable.tick_wire_s`: estimates, torques, command and share of a request of each axis."""
+        request_s = (self._frame_s(0) + self._frame_s(8)) / (ASK_PERIOD_S * self._control_rate_hz)
+        return self.joint_count * (2 * self._frame_s(8) + self._frame_s(4) + request_s)
 
     def power_on(self) -> None:
-        """See `JointBus.power_on`; checks the watchdogs first."""
+        """See `JointBus.power_on`; checks node ids and watchdogs first."""
+        self._measure_latencies()  # refuses a second axis that has joined since the configuration
+        self._refuse_two_axes()
         self._arm()
         bit = odrive.WATCHDOG_EXPIRED[self._settings.firmware]
 
@@ -172,7 +272,13 @@ class OdriveBus(MotorBus):
                 f"{odrive.WATCHDOG_TIMEOUT} = {self._settings.watchdog_s:g}"
             )
         self._arm()
+        self._refuse_two_axes()
         self._powered = True
+
+    def _refuse_two_axes(self) -> None:
+        for joint in range(self.joint_count):
+            if evidence := self._evidence_of_two_axes(joint):
+                raise self._two_axes(joint, evidence)
 
     def _switch_off(self) -> None:
         """See `MotorBus._switch_off`; each axis must confirm by a heartbeat."""
@@ -184,7 +290,7 @@ class OdriveBus(MotorBus):
             return [
                 self.motor_label(joint)
                 for joint, beat in enumerate(self._heartbeats)
-                if beat is None or beat.state is not AxisState.IDLE or self._heartbeat_at_s[joint] < sent_s
+                if beat is None or beat.state is not AxisState.IDLE or self._heartbeat_at_s[joint] <= sent_s
             ]
 
         if not self._wait_for(lambda: not still_on(), self._heartbeat_timeout_s):
@@ -232,8 +338,8 @@ class OdriveBus(MotorBus):
         return self._limits.velocity_rad_s[joint] * self._axes[joint].gear_ratio / tau
 
     def _check_rate(self, joint: int, at_s: list[float], oldest_s: float, what: str) -> None:
-        """Check that a message arrives in time in one of three attempts; the machine may be busy."""
-        for _ in range(3):
+        """Check that a message arrives in time in one of several attempts."""
+        for _ in range(_WINDOWS):
             at_s[joint] = -inf
             self._wait_for(lambda: at_s[joint] > -inf, self._heartbeat_timeout_s)
             at_s[joint] = -inf
@@ -245,7 +351,8 @@ class OdriveBus(MotorBus):
     def _setup_problem(self, joint: int) -> str:
         """Return what an axis does not send, or its wrong firmware; an empty string if its setup is right."""
         if self._heartbeats[joint] is None:
-            return f"no heartbeat in {self._heartbeat_timeout_s:.2g} s"
+            remedy = f"check its power, cable, node id and bit rate; set {self._rate_commands[0]}"
+            return f"no heartbeat in {self._heartbeat_timeout_s:.2g} s; {remedy}"
         version, stated = self._versions.get(self._axes[joint].node_id), self._settings.firmware
         if version is None and stated is Firmware.V0_6:
             return "does not answer Get_Version, as firmware 0.6 would"
@@ -310,24 +417,31 @@ class OdriveBus(MotorBus):
         match command:
             case OdriveCommand.ENCODER_ESTIMATES:
                 position_rev, velocity_rev_s = odrive.decode_two_floats(frame, "encoder estimates")
-                sampled_s = at_s - self._latency_s[joint]
-                self._store_motion(joint, tau * position_rev, tau * velocity_rev_s, sampled_s)
+                if self._streams[joint].accept(position_rev, velocity_rev_s, self._clock.now_s()):
+                    sampled_s = at_s - self._delays[joint].latency_s
+                    self._store_motion(joint, tau * position_rev, tau * velocity_rev_s, sampled_s)
             case OdriveCommand.GET_IQ if self._settings.firmware is Firmware.V0_5:
                 _, current_a = odrive.decode_two_floats(frame, "motor current")
                 constant_nm_a = self._axes[joint].torque_constant_nm_a or 0.0
-                self._store_torque(joint, current_a * constant_nm_a, at_s - self._latency_s[joint])
+                self._store_torque(joint, current_a * constant_nm_a, at_s - self._delays[joint].latency_s)
             case OdriveCommand.TORQUES if self._settings.firmware is Firmware.V0_6:
                 _, torque_nm = odrive.decode_two_floats(frame, "motor torque")
-                self._store_torque(joint, torque_nm, at_s - self._latency_s[joint])
+                self._store_torque(joint, torque_nm, at_s - self._delays[joint].latency_s)
             case OdriveCommand.HEARTBEAT:
                 beat = odrive.decode_heartbeat(frame, self._settings.firmware)
                 self._heartbeats[joint], self._heartbeat_at_s[joint] = beat, at_s
+                self._beats[joint] += 1
                 names = odrive.axis_error_names(beat.axis_error, self._settings.firmware)
                 is_wrong = "encoder" in beat.component_errors or not _ENCODER_ERRORS.isdisjoint(names)
                 self._motion_is_wrong[joint] = is_wrong
             case OdriveCommand.BUS_VOLTAGE_CURRENT:
                 self._supply_v[joint], _ = odrive.decode_two_floats(frame, "bus voltage and current")
-                self._answered_at_s[joint] = at_s
+                self._answered_at_s[joint] = min(self._answered_at_s[joint], at_s)
+                self._answers[joint] += 1
+                delay = self._delays[joint]
+                delay.answer(frame.data, at_s)
+                if delay.latency_s > delay.usual_s:
+                    self._last_problem[joint] = f"its answers take {1e3 * delay.latency_s:.1f} ms"
             case OdriveCommand.GET_VERSION:
                 self._versions[node] = odrive.decode_version(frame)
             case _:
@@ -360,6 +474,8 @@ class OdriveBus(MotorBus):
         )
 
     def _fault(self, joint: int, now_s: float) -> str:
+        if evidence := self._evidence_of_two_axes(joint):
+            return f"two axes have node id {self._axes[joint].node_id}: {evidence}"
         beat = self._heartbeats[joint]
         silent_s = now_s - self._heartbeat_at_s[joint]
         if silent_s > self._heartbeat_timeout_s:

@@ -45,6 +45,11 @@ PERIOD_SETTINGS = {
         f"odrv0.axis0.config.can.{name}_msg_rate_ms" for name in ("heartbeat", "encoder", "torques")
     ),
 }
+# Period of Get_Bus_Voltage_Current [ms]; as delivered 0 (only on request).
+VOLTAGE_PERIOD = {
+    Firmware.V0_5: "odrv0.axis0.config.can.bus_vi_rate_ms",
+    Firmware.V0_6: "odrv0.axis0.config.can.bus_voltage_msg_rate_ms",
+}
 # As delivered, it limits torques in torque mode to (2 rev/s - speed) * 0.17 N m s/rev.
 ENABLE_VELOCITY_LIMIT = "odrv0.axis0.controller.config.enable_torque_mode_vel_limit"
 VELOCITY_LIMIT = "odrv0.axis0.controller.config.vel_limit"  # [rev/s]

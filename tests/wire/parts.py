@@ -1,6 +1,7 @@
 """Robots on emulated wires in lock-step, with fault injection."""
 
 from collections.abc import Sequence
+from copy import copy
 from pathlib import Path
 
 import can
@@ -168,3 +169,11 @@ class EmulatedRobot:
     def close(self) -> None:
         self.robot.close()
         self.arm.emulator.close()
+
+
+def add_twin(arm: EmulatedRobot, joint: int = 2) -> None:
+    """A second motor with the id of the first, on another joint."""
+    wire = arm.arm.wires["motors"]
+    twin = copy(wire._nodes[0])
+    twin._joint = joint
+    wire._nodes += (twin,)

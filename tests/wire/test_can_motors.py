@@ -1,14 +1,12 @@
 """CAN motor drivers: conversions, and foreign, late and lost answers."""
 
-from copy import copy
-
 import numpy as np
 import pytest
 
 from palpate.robot_io.errors import DeviceError
 from palpate.robot_io.types import Command, Status
 from palpate.sim_backend.emulators import FaultKind
-from tests.wire.parts import CUBEMARS, DAMIAO, MOTEUS, ODRIVE, ROBSTRIDE, V0_5
+from tests.wire.parts import CUBEMARS, DAMIAO, MOTEUS, ODRIVE, ROBSTRIDE, V0_5, add_twin
 
 PUSH_NM = (3.0, -2.0, 1.0)
 
@@ -163,14 +161,6 @@ def test_answers_from_before_a_wait_are_as_old_as_the_wait(make_robot, path):
     sleep_until(now_s() + 0.02)
     assert 20.0 < age_ms(arm.tick()) < 21.1
     assert max(age_ms(arm.tick()) for _ in range(20)) < 2.1
-
-
-def add_twin(arm):
-    """A second motor with the id of the first, on joint 3."""
-    wire = arm.arm.wires["motors"]
-    twin = copy(wire._nodes[0])
-    twin._joint = 2
-    wire._nodes += (twin,)
 
 
 @ASKED

@@ -14,13 +14,20 @@ from palpate.robot_io.robot_file import parse_robot_file
 from palpate.sim_backend.emulators import dynamixel_servo as table
 from tests.wire.parts import CUBEMARS, DAMIAO, DYNAMIXEL, LINES, MOTEUS, ODRIVE, ROBSTRIDE, SO101
 
-LONG, SHORT = 111e-6, 79e-6  # CAN frames with 8 and 4 bytes of data at 1 Mbit/s, without stuffing
+LONG, SHORT, EMPTY = (
+    111e-6,
+    79e-6,
+    47e-6,
+)  # CAN frames with 8, 4 and no bytes of data at 1 Mbit/s, without stuffing
 
 
 @pytest.mark.parametrize(
     ("path", "count", "said", "force", "wire_s"),
     [
-        (ODRIVE, 3, "firmware 0.6.10, 24.0 V, IDLE", "DI-1000, counts in lb", 3 * (2 * LONG + SHORT)),
+        (
+            *(ODRIVE, 3, "firmware 0.6.10, 24.0 V, IDLE", "DI-1000, counts in lb"),
+            3 * (2 * LONG + SHORT + (LONG + EMPTY) / 13),
+        ),
         (CUBEMARS, 3, "answers, at .* tested at act", "serial number 123456, 100 N, 1000 s", 3 * 2 * LONG),
         (DAMIAO, 3, "answers, at .* set and read back at act", "nau7802, 320 samples/s", 3 * 2 * LONG),
         (

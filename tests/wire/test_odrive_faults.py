@@ -8,7 +8,7 @@ from palpate.robot_io.errors import DeviceError
 from palpate.robot_io.examination import Level
 from palpate.robot_io.types import Status
 from palpate.sim_backend.emulators import FaultKind
-from tests.wire.parts import ODRIVE, V0_5
+from tests.wire.parts import ODRIVE, V0_5, add_twin
 
 PUSH_NM = (3.0, -2.0, 1.0)
 
@@ -222,3 +222,128 @@ def test_missing_adapter_is_one_line(make_robot):
         line = CanLine(CanLineSettings(interface=interface, channel="can9"), arm.clock)
         with pytest.raises(DeviceError, match="cannot be opened"):
             line.open()
+
+
+TWO = r"joint 1 \(node 0\): two axes have node id 0: "
+
+
+@pytest.mark.parametrize(
+    ("heartbeat_s", "said"), [(0.01, "heartbeats come twice as often"), (0.02, "6 answers to 3 requests")]
+)
+def test_two_axes_with_one_id_are_refused(make_robot, heartbeat_s, said):
+    """The second stands elsewhere: both were armed, and either's position was served."""
+    arm = make_robot()
+    arm.motors[0]._heartbeat_s = heartbeat_s
+    add_twin(arm)
+    with pytest.raises(DeviceError, match=TWO + said):
+        arm.robot.configure()
+
+
+def test_axis_that_joins_with_a_used_id_gets_no_power(make_robot):
+    arm = make_robot()
+    arm.robot.configure()
+    add_twin(arm)
+    with pytest.raises(DeviceError, match=TWO):
+        arm.robot.activate()
+    assert {node.state for node in arm.motors} == {1}
+
+
+@pytest.mark.parametrize(
+    ("joint", "off_rad", "supply_v", "most", "said"),
+    [
+        (2, 0.0, 24.0, 4, "its position jumps by"),
+        (0, 1e-3, 24.0, 70, "more than 1400 estimates per second"),
+        (0, 0.0, 23.9, 60, "answers requests twice"),
+    ],
+    ids=["elsewhere", "nearby", "same place"],
+)
+def test_axis_that_joins_with_a_used_id_is_a_fault(make_robot, joint, off_rad, supply_v, most, said):
+    arm = make_robot().start()
+    before_rad = arm.tick().joint_position_rad
+    add_twin(arm, joint)
+    arm.motors[-1]._zero_rad += off_rad
+    arm.motors[-1].supply_v = supply_v
+
+    def is_fault(measurement):
+        assert measurement.joint_position_rad == pytest.approx(before_rad, abs=0.02)
+        return measurement.encoder_status is Status.FAULT
+
+    arm.ticks_until(is_fault, most)
+    assert f"joint 1 (node 0): two axes have node id 0: {said}" in arm.problem
+    arm.robot.deactivate()
+    with pytest.raises(DeviceError, match=TWO):
+        arm.robot.activate()
+
+
+def age_ms(measurement):
+    return 1e3 * (measurement.time_s - min(measurement.encoder_at_s, measurement.torque_at_s))
+
+
+@pytest.mark.parametrize("torque_nm", [None, (0.5, 0.3, 0.1)], ids=["off", "on"])
+def test_frames_that_become_late_are_as_old_as_they_are(make_robot, torque_nm):
+    """They were dated by the delay at configuration: 30 ms passed for 1.4."""
+    arm = make_robot()
+    arm.robot.configure()
+    if torque_nm:
+        arm.robot.activate()
+    assert age_ms(arm.ticks(30, torque_nm)) < 1.6
+    arm.inject_fault("motors", FaultKind.DELAY, delay_s=4.2e-3)
+    arm.ticks(50, torque_nm)
+    ages_ms = [age_ms(arm.tick(torque_nm)) for _ in range(50)]
+    assert min(ages_ms) > 4.2 - 1e-6
+    assert max(ages_ms) < 4.2 + 2.6
+    assert "its answers take" in arm.problem
+    arm.faults["motors"].clear()
+    arm.ticks(40, torque_nm)
+    assert max(age_ms(arm.tick(torque_nm)) for _ in range(20)) < 1.6
+
+
+@pytest.mark.parametrize("losses", [0.0, 0.01])
+def test_healthy_link_with_jitter_and_losses_is_no_fault(make_robot, losses):
+    arm = make_robot().start()
+    arm.arm.wires["motors"].stalls = True  # frames arrive in order, as on CAN
+    arm.inject_fault("motors", FaultKind.DELAY, delay_s=2.5e-3, probability=0.1)
+    if losses:
+        arm.inject_fault("motors", FaultKind.DROP, probability=losses)
+        arm.inject_fault("motors", FaultKind.DUPLICATE, probability=losses)
+    for tick in range(1000):
+        measurement = arm.tick((6.0 * np.sin(tick / 30.0), -4.0, 1.0))
+        assert measurement.encoder_status is not Status.FAULT
+        assert losses or measurement.time_s - measurement.encoder_at_s < 5e-3
+
+
+def test_estimates_that_piled_up_during_a_pause_are_those_of_one_axis(make_robot):
+    arm = make_robot()
+    arm.robot.configure()
+    arm.clock.sleep_until(arm.clock.now_s() + 1.0)
+    arm.ticks(200, None)
+    assert not arm.problem
+    arm.robot.activate()
+
+
+@pytest.mark.parametrize("first_s", [0.005, 0.02, 0.06])
+def test_rare_heartbeats_are_refused_with_the_needed_setting(make_robot, first_s):
+    """As delivered, every 100 ms; activation failed without a reason."""
+    arm = make_robot()
+    arm.motors[1]._heartbeat_s, arm.motors[1]._next_heartbeat_s = 0.1, first_s
+    said = r"joint 2 \(node 1\): .*heartbeat.* set .*\.can\.heartbeat_msg_rate_ms = 10"
+    with pytest.raises(DeviceError, match=said):
+        arm.robot.configure()
+
+
+@pytest.mark.parametrize(
+    ("changes", "setting"), [((), "bus_voltage_msg_rate_ms"), (V0_5, "bus_vi_rate_ms")], ids=["0.6", "0.5"]
+)
+def test_voltages_without_a_request_are_refused(make_robot, changes, setting):
+    arm = make_robot(changes=changes)
+    motor = arm.motors[1]
+    torque = motor._torque
+    motor._torque = lambda: motor._answer(0x17)[0] if arm.clock.now_s() % 0.01 < 1e-3 else torque()
+    with pytest.raises(DeviceError, match=rf"joint 2 \(node 1\): .* unasked.*set .*\.{setting} = 0"):
+        arm.robot.configure()
+
+
+def test_requests_do_not_feed_the_watchdog_of_an_arm_without_commands(make_robot):
+    arm = make_robot().start()
+    arm.ticks(60, None)
+    assert [node.state for node in arm.motors] == [1, 1, 1]
