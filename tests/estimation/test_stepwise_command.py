@@ -116,8 +116,8 @@ def test_an_effort_that_is_constant_in_each_run_is_a_command(levels):
 
 def test_friction_is_named_if_the_command_is_constant_in_each_run():
     """An offset of each run would fit such a command without any law of the motion."""
-    volts = np.array([3.0, 6.0, 9.0, 12.0, 15.0, 18.0])
-    t, run = np.tile(np.arange(300) * 0.005, 6), np.repeat(np.arange(6), 300)
+    volts = np.array([3.0, 8.0, 13.0, 18.0])
+    t, run = np.tile(np.arange(300) * 0.005, 4), np.repeat(np.arange(4), 300)
     torque = volts[run] - 0.9  # after Coulomb friction
     speed = torque / 0.05 * (1.0 - np.exp(-0.05 * t / INERTIA))
     speed += np.random.default_rng(1).normal(0.0, 0.02, len(t))

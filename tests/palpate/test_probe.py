@@ -94,7 +94,7 @@ def test_user_robot_is_probed_in_real_time(tmp_path, monkeypatch):
     robot.write_text(patient)
     options = (
         *("--robot", robot, "--drivers", "tests.mock_robot"),
-        *("--speed-mm-s", 50, "--hold-s", 0.1, "--json", "--yes"),
+        *("--speed-mm-s", 120, "--hold-s", 0.1, "--json", "--yes"),
     )
     assert json.loads(done("probe", "-o", path, *options).stdout)["wall_s"] > 1.0
     session = Session.open(path)
