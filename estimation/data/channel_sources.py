@@ -226,7 +226,7 @@ def _options_without_names(columns: ColumnAssignment) -> str:
     options = []
     if "time" not in given and len(left) >= _MIN_COLUMNS:
         clocks = clocks_of(table.columns)
-        clock = max(valid, key=lambda name: name in clocks or _rising_share(table, name), default="")
+        clock = max(valid, key=lambda name: (name in clocks, _rising_share(table, name)), default="")
         if clock and (clock in clocks or _rising_share(table, clock) > _RISES):
             options.append(f"--column time={shlex.quote(clock)}")
             left.remove(clock)

@@ -136,11 +136,16 @@ def _cut_between(  # noqa: PLR0917
     for peak, next_peak in list(pairwise(press_peaks.tolist()))[presses - 1 :: presses]:
         if piece[peak] == piece[next_peak]:
             between, depth = force[peak:next_peak], displacement[peak:next_peak]
-            low, after = float(between.min()), 0
+            low = float(between.min())
             rise = max(min(force[peak], force[next_peak]) - low, 0.0)
-            outside = float(np.median(between[depth <= depth.min() + _RELEASED * np.ptp(depth)]))
-            if low < outside - _MAX_AIR_RISE * rise:  # the object sticks, and pulls before it detaches
-                low, after = outside, int(np.argmin(between))
+            is_outside = depth <= depth.min() + _RELEASED * np.ptp(depth)
+            outside = float(np.median(between[is_outside]))
+            noise = _TO_SIGMA * float(np.median(np.abs(np.diff(between)))) if len(between) > 1 else 0.0
+            # An object that sticks pulls at the touch, or before it detaches; the cut is after the latter.
+            pull_level = outside - max(_MAX_AIR_RISE * rise, _SIGMAS[1] * noise)
+            retreat = scipy.ndimage.median_filter(between[: int(np.argmax(is_outside)) + 1], 5)
+            after = int(np.argmin(retreat)) if retreat.min() < pull_level else 0
+            low = outside if low < pull_level else low
             free = peak + after + np.flatnonzero(between[after:] <= low + _MAX_AIR_RISE * rise)
             begin, end = free[0], free[-1]
             steps_s = np.diff(time_s[begin : end + 1])

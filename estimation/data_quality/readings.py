@@ -332,7 +332,7 @@ def unsigned(data: ChannelData) -> str | None:
         return None
     moving = speed > _MOVES * float(speed.max())
     ways = [effort[moving & (np.sign(data.velocity) == side)] for side in (1.0, -1.0)]
-    if min(map(len, ways)) < _MIN_WAY * np.count_nonzero(moving):
+    if min(map(len, ways)) < max(_MIN_WAY * np.count_nonzero(moving), 1):
         return None
     weaker, stronger = sorted(float(np.mean(way)) for way in ways)
     if weaker < _ALIKE * stronger:

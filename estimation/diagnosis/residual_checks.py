@@ -25,6 +25,7 @@ from palpate.estimation.fit.measurement_noise import (
     RunHeterogeneity,
     fast_noise,
     free_air_noise,
+    measurement_noise,
     rows_before_contact,
     run_heterogeneity,
     size_of_differences,
@@ -50,6 +51,8 @@ _MIN_BLOCKS = 40  # blocks needed in contact and in free air, or in motion and a
 _PROMINENT = 40.0  # height of a spectral line relative to the median around it; noise reaches 10
 _MAX_RUNS = 30  # largest number of runs that are fitted with separate waves
 _EXPLAINS = 1.1  # largest error with one gain of each run, relative to that of runs fitted alone
+_NEARLY_NOISE = 2.0  # largest error of runs fitted alone, relative to the noise, or the model lacks an effect
+_DISTINCT = 1.5  # least ratio of the error with the next best gain
 _GAIN_OF_WAVES = 0.7  # largest error with waves fitted to each run, relative to the model's error
 _FEW = 0.05  # share of the samples with the largest errors
 _PEAKED = 0.8  # least share of the squared error in these samples that is not noise; normal noise has 0.28
@@ -112,35 +115,38 @@ def differing_parameter(fit: FitResult) -> str | None:
     """Name the gain that differs between runs, with its range; None unless exactly one explains the error.
 
     A gain explains it if the model leaves, with another value of this gain in each run, about the error of
-    runs that are fitted alone.
+    runs that are fitted alone, and clearly less than with any other gain.
 
     Args:
         fit: a model without differences between runs.
     """
     heterogeneity = run_heterogeneity(fit.problem.blocked, fit.solution)
-    if heterogeneity is None:
+    if heterogeneity is None or heterogeneity.alone > _NEARLY_NOISE * measurement_noise(fit).value:
         return None
-    model, unit = fit.solution.model, fit.data.kind.effort_unit
+    model = fit.solution.model
     slopes, effort = model.linearize(fit.problem.blocked.data, fit.solution.parameters)
     rows = heterogeneity.own_residual != 0.0
     run = np.unique(fit.problem.blocked.data.run[rows], return_inverse=True)[1]
     residual = (fit.problem.blocked.data.effort - effort)[rows]
-    free = [(k, name) for k, name in enumerate(model.gains) if name not in model.held]
-    columns = np.column_stack([slopes[rows][:, [k for k, _ in free]], np.ones(len(run))])
-    explaining = list[str]()
-    for number, name in enumerate([*(name for _, name in free), ""]):
-        own = columns[:, [number]] * (run[:, None] == np.arange(run.max() + 1))
-        design = np.hstack([np.delete(columns, number, axis=1), own])
+    columns = {name: slopes[rows, k] for k, name in enumerate(model.gains) if name not in model.held}
+    if not any(np.ptp(column) == 0.0 for column in columns.values()):
+        columns[""] = np.ones(len(run))  # the zero of each run
+    errors, ranges = dict[str, float](), dict[str, tuple[float, float]]()
+    for name, column in columns.items():
+        own = column[:, None] * (run[:, None] == np.arange(run.max() + 1))
+        design = np.column_stack([*(other for key, other in columns.items() if key != name), own])
         scale = np.linalg.norm(design, axis=0)
         scale[scale == 0.0] = 1.0
         gains = np.linalg.lstsq(design / scale, residual, rcond=None)[0] / scale
-        if rmse(residual - design @ gains) <= _EXPLAINS * heterogeneity.alone:
-            values = fit.solution.parameters.get(name, 0.0) + gains[-own.shape[1] :]
-            of = model.gains[name].unit_of(fit.data.kind) if name else unit
-            explaining.append(
-                f"{name or 'the zero'} ({np.min(values):.3g} to {with_unit(np.max(values), of)})"
-            )
-    return explaining[0] if len(explaining) == 1 else None
+        values = fit.solution.parameters.get(name, 0.0) + gains[-own.shape[1] :]
+        errors[name], ranges[name] = rmse(residual - design @ gains), (values.min(), values.max())
+    best, *others = sorted(errors, key=errors.__getitem__)
+    limit = _EXPLAINS * heterogeneity.alone
+    if errors[best] > limit or (others and errors[others[0]] < _DISTINCT * errors[best]):
+        return None
+    low, high = ranges[best]
+    unit = model.gains[best].unit_of(fit.data.kind) if best else fit.data.kind.effort_unit
+    return f"{best or 'the zero'} ({low:.3g} to {with_unit(high, unit)})"
 
 
 def _error_with_own_waves(end: FitResult) -> float | None:

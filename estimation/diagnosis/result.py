@@ -175,7 +175,7 @@ class ChannelDiagnosis(TableDisplay, _Entry):
     complete: bool | None = None
     remaining: RemainingError | None = None  # error of the final model
     depends_on: list[str] = Field(default_factory=list)  # the same as in `remaining`
-    differs_between_runs: str = ""  # the parameter of the base model that alone differs, with its range
+    differs_between_runs: str = ""  # the parameter that alone differs, with its range
     next_experiment: NextExperiment | None = None  # the most informative one; None if none would help
     # How a very long recording was averaged, and why no information is lost; empty otherwise.
     averaged: str = ""

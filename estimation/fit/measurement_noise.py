@@ -82,7 +82,8 @@ def run_heterogeneity(
 
 _FREE_AIR_SHARE = 0.9  # share of the samples before a contact that is used; the last ones may be in contact
 _MIN_SAMPLES = 50  # samples needed for an estimate
-_MIN_IN_RUN = 20  # samples of a run before its contact that show noise about their mean
+# Short stretches before contact underestimate slow noise, and are only used if the long ones are few.
+_MIN_IN_RUN, _ENOUGH = 20, 200
 _GROWTH = 1.2  # ratio of the noise of all readings to that in free air above which it grows with the effort
 _DIFFERENCES = (1.0, -3.0, 3.0, -1.0)  # third difference of neighboring readings, which removes smooth motion
 # Quantile up to which differences are used, and the RMS of normal noise up to it in standard deviations.
@@ -211,9 +212,9 @@ def _estimate_noise(base: FitResult) -> MeasurementNoise:
     jumps = is_contact & ((smooth == 0.0) != (simulated == 0.0))
     motion_noise = rmse(np.where(base.scored & ~jumps, simulated - smooth, np.nan))
     air, fast = free_air_noise(data), fast_noise(data)
-    # A sensor that reads zero in free air does not show its noise. Chance may lift both estimates.
+    # A sensor that reads zero in free air does not show its noise. Both estimates vary by chance.
     if air and _CLEARLY_BELOW * air <= bound:
-        effort, effort_source = air, NoiseSource.FREE_AIR
+        effort, effort_source = min(air, bound), NoiseSource.FREE_AIR
         if fast and fast > _GROWTH * air:
             effort, effort_source = min(fast, bound), NoiseSource.NEIGHBORS
         value = min(float(np.hypot(effort, motion_noise)), bound)
@@ -240,6 +241,9 @@ def rows_before_contact(data: ChannelData) -> list[IntArray]:
         before = before[: int(_FREE_AIR_SHARE * len(before))]
         if len(before) >= _MIN_IN_RUN:
             parts.append(before)
+    long = [part for part in parts if len(part) >= _MIN_SAMPLES]
+    if sum(map(len, long)) >= _ENOUGH:
+        return long
     return parts if sum(map(len, parts)) >= _MIN_SAMPLES else []
 
 

@@ -187,7 +187,9 @@ def _flaws(effect_type: Any) -> Iterator[tuple[str, str]]:  # noqa: ANN401, it m
     if not issubclass(effect_type, AdditiveEffect | MotionEffect | MemoryEffect | SensorEffect):
         yield "", "derive it from AdditiveEffect, MotionEffect, MemoryEffect or SensorEffect"
     yield from _parameter_flaws(effect_type)
-    if unknown := [str(signal) for signal in effect_type.signals if signal not in SIGNALS]:
+    if not isinstance(effect_type.signals, tuple | list):
+        yield "signals", f"its signals are {effect_type.signals!r}, expected a tuple of {', '.join(SIGNALS)}"
+    elif unknown := [str(signal) for signal in effect_type.signals if signal not in SIGNALS]:
         yield "signals", f"its signals contain {', '.join(unknown)}. Valid: {', '.join(SIGNALS)}"
     rivals = effect_type.confused_with
     if not (isinstance(rivals, Mapping) and all(isinstance(n, str) and n.isidentifier() for n in rivals)):

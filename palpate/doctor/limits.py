@@ -12,7 +12,6 @@ from palpate.robot_io.robot_file import RobotFile
 from palpate.robot_io.types import FloatArray
 
 POSES = 400
-_UNSTABLE = 10.0  # multiple of the stable damping that shakes the arm in any pose
 _AGE_TICKS = 2.0  # age of a velocity when the arm acts on it, in ticks
 _LONG_WATCHDOG_S = 0.2
 _WEIGHTS = 10.0  # multiple of the arm's largest gravity torque, enough for all tasks
@@ -48,13 +47,14 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
         yield graded("torque limits", value, (_WARN, (worst_nm >= limit_nm).any(), remedy))
     # With too much gain for its delay, the brake shakes the arm (see `SafeState`).
     effective = [1.0 / np.diag(np.linalg.inv(body.mass_matrix(pose))) for pose in poses_rad]
-    most = np.min(effective, axis=0) / ((1 + _AGE_TICKS) * tick_s)
+    stable = np.array(effective) / ((1 + _AGE_TICKS) * tick_s)  # largest stable damping in each pose
+    most = stable.min(axis=0)
     damping = np.array(robot_file.safe_state.damping_nms_rad)
     shakes = "lower safe_state.damping_nms_rad, otherwise braking shakes the arm"
     yield graded(
         "braking",
         f"damping {_listed(damping)} N m s/rad, stable up to {_listed(most)}",
-        (_FAIL, (damping > _UNSTABLE * most).any(), shakes),
+        (_FAIL, (damping > stable.max(axis=0)).any(), shakes),
         (_FAIL, (damping == 0).all(), "no joint is braked in a stop: give them damping"),
         (_WARN, (damping > most).any(), shakes),
         (_WARN, (damping == 0).any(), "a joint without damping is not braked in a stop: give it some"),
@@ -65,8 +65,8 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
     yield graded(
         "age limits",
         ", ".join(f"{device} {1e3 * age_s:g} ms" for device, age_s in ages_s.items()),
-        (_WARN, min(ages_s.values()) < 2 * tick_s, lost),
         (_FAIL, max(ages_s.values()) > _NO_LATCH_S, old),
+        (_WARN, min(ages_s.values()) < 2 * tick_s, lost),
         (_WARN, max(ages_s.values()) > 50 * tick_s, old),
     )
     for name, bus in robot_file.buses.items():

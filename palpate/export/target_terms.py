@@ -289,7 +289,8 @@ def express(
             for key, number in numbers.items():
                 if key not in OF_ARM:
                     before = own.get(key, TermValue(0.0, ()))
-                    own[key] = TermValue(before.number + number, before.fitted + fitted)
+                    is_shape = key.rpartition("_")[2] in _SHAPES
+                    own[key] = TermValue(number + before.number * (not is_shape), before.fitted + fitted)
                     continue
                 half = max(each.half_interval for each in parameters.values())
                 rank = half if isfinite(half) else float("inf")

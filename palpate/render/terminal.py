@@ -143,7 +143,7 @@ def print_revisions(console: Console, kept: Sequence[Revision]) -> None:
     for each in kept:
         least[each.key] = min(each.rmse, least.get(each.key, each.rmse))
     for each in kept:
-        # An upper bound of the noise is below the error of every model.
+        # Every model's error also bounds the noise.
         noise = min(each.noise_floor, least[each.key]) if each.noise_at_most else each.noise_floor
         times = each.rmse / noise if noise > 0.0 else float("inf")
         before = "" if each.parent is None else str(each.parent)

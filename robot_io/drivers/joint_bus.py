@@ -194,6 +194,10 @@ class RequestQueue:
             self._usual_s = max(delay_s, self._usual_s + _ADAPTATION * (delay_s - self._usual_s))
         return True
 
+    def forget_late(self) -> None:
+        """Count every answer without an open request as one too many from now on."""
+        self._expired_s.clear()
+
     def is_late(self) -> bool:
         """Return whether an answer without an open request may belong to an expired one, and forget that."""
         if not self._expired_s:

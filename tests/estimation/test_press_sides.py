@@ -215,6 +215,20 @@ def test_snapping_force_in_one_direction_is_one_press():
     assert cut_presses(200.0 * twice, twice, np.tile(one, 2), np.arange(12000.0))[0].max() == 1
 
 
+@pytest.mark.parametrize("kind", ["noise", "snap-in"])
+def test_noise_or_a_snap_in_moves_no_cut_between_presses(kind):
+    depth = np.interp(np.arange(400.0), [0, 40, 120, 200, 320, 400], [-2.0, -2.0, 4.0, 4.0, -2.0, -2.0])
+    force = np.tile(np.maximum(depth, 0.0), 2)
+    depth = np.tile(depth, 2)
+    piece, time_s = np.zeros(800, dtype=np.int64), np.arange(800.0)
+    (cut,) = np.flatnonzero(np.diff(cut_presses(force, depth, piece, time_s)[0]))
+    disturbed = force + np.random.default_rng(0).normal(0.0, 0.3, 800)
+    if kind == "snap-in":
+        disturbed = force - 1.5 * (np.isin(np.arange(800), np.arange(455, 466)))
+    (moved,) = np.flatnonzero(np.diff(cut_presses(disturbed, depth, piece, time_s)[0]))
+    assert abs(moved - cut) <= 25
+
+
 def test_cut_between_presses_of_an_object_that_sticks_is_at_the_pause():
     depth = np.interp(np.arange(400.0), [0, 40, 120, 200, 320, 400], [-2.0, -2.0, 4.0, 4.0, -2.0, -2.0])
     force = np.where(depth > 0.0, depth, 0.0)

@@ -88,6 +88,10 @@ def test_no_answer_is_dated_later_than_its_request(before_s, after_s, lost, from
 def test_unsolicited_answer_is_ignored():
     queue = RequestQueue(MARGIN_S, LATEST_S)
     assert not queue.answer(1.0)
+    queue.ask(0.5)
+    assert not queue.answer(0.5 + LATEST_S + 0.005)
+    queue.forget_late()
+    assert not queue.is_late()
     queue.ask(1.0)
     assert queue.answer(1.001)
     assert queue.answered_s == 1.0

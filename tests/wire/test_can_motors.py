@@ -179,6 +179,15 @@ def test_two_motors_with_one_id_are_refused(make_robot, path, when):
 
 
 @ASKED
+def test_two_motors_with_one_id_are_refused_though_their_first_answers_are_lost(make_robot, path):
+    arm = make_robot(path)
+    add_twin(arm)
+    arm.inject_fault("motors", FaultKind.DROP, device=1, times=2)
+    with pytest.raises(DeviceError, match=r"joint 1 \(motor 1\): answers more often than .* asked: do two"):
+        arm.robot.configure()
+
+
+@ASKED
 def test_duplicate_motor_id_during_a_run_is_a_fault(make_robot, path):
     arm = make_robot(path).start()
     before_rad = arm.tick().joint_position_rad

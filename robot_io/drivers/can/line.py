@@ -11,7 +11,9 @@ All other adapters use python-can. Its `Notifier` is not used, because its threa
 error.
 """
 
+import errno
 import fcntl
+import hashlib
 import os
 import re
 import socket
@@ -19,6 +21,7 @@ import stat
 import sys
 import time
 from collections import Counter, deque
+from collections.abc import Mapping
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Self
 
@@ -261,7 +264,7 @@ class CanLine:
         lock = None
         try:
             if settings.interface != SLCAN:
-                lock = PortLock(settings.channel, settings.interface)
+                lock = PortLock(settings.channel, settings.interface, settings.options)
             _ = can.Message  # imported now: an import at the first frame would make its answer late
             if lock is None:
                 self._bus = _Slcan(str(settings.channel), settings.bitrate, self._clock, **settings.options)
@@ -397,11 +400,12 @@ class PortLock:
     """Exclusive lock on a serial port, as pyserial and others use it, or on a CAN channel; until `release`.
 
     Parts of this program can share a channel, which the devices on it divide among themselves. A channel of
-    the interface "virtual" exists in this program only, and is not locked.
+    the interface "virtual" exists in this program only, and is not locked. CAN channels are locked on Linux.
 
     Args:
         channel: channel of the python-can interface, such as /dev/ttyACM0@115200 or can0.
         interface: name of the interface.
+        options: further arguments of the interface.
 
     Raises:
         DeviceError: another program uses the port or channel, or another part of this one uses the port.
@@ -409,7 +413,9 @@ class PortLock:
 
     _shared: ClassVar[dict[str, tuple[socket.socket, int]]] = {}  # open channels, with the number of users
 
-    def __init__(self, channel: str | int, interface: str = "virtual") -> None:
+    def __init__(
+        self, channel: str | int, interface: str = "virtual", options: Mapping[str, object] | None = None
+    ) -> None:
         self._fd = -1
         self._name = ""
         path = str(channel).partition("@")[0]
@@ -425,7 +431,9 @@ class PortLock:
                 self.release()
                 raise DeviceError(f"{path}: in use by another program") from error
         elif not is_port and interface != "virtual" and sys.platform == "linux":
-            self._lock_channel(f"{interface}/{channel}")
+            # Options may tell apart adapters with the same channel, such as by a serial number.
+            whole = f"{interface}/{channel}/{sorted((options or {}).items())}"
+            self._lock_channel(hashlib.sha256(whole.encode()).hexdigest())
 
     def _lock_channel(self, name: str) -> None:
         """Bind an abstract socket, which Linux releases when this program ends, however it ends."""
@@ -435,6 +443,8 @@ class PortLock:
                 lock.bind(f"\0palpate/can/{name}")
             except OSError as error:
                 lock.close()
+                if error.errno != errno.EADDRINUSE:
+                    raise
                 raise DeviceError("in use by another program, whose motors could lose torque") from error
         self._shared[name], self._name = (lock, users + 1), name
 

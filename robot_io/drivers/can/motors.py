@@ -339,6 +339,7 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
         self.line.open()
         self._unrequested = [0] * self.joint_count
         silent = list(range(self.joint_count))
+        is_delayed = False
         for _ in range(_ATTEMPTS):
             self._request_states(silent)
             self._wait_for(lambda: -inf not in self._motion_at_s or any(self._unrequested), ANSWER_S)
@@ -347,11 +348,21 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
             silent = [joint for joint, at_s in enumerate(self._motion_at_s) if at_s == -inf]
             if not silent:
                 break
-        if silent:
+            is_delayed = True
+        else:
             problem = f"no answer in {ANSWER_S} s from {', '.join(map(self.motor_label, silent))}"
             if self._foreign_ids:
                 problem += f"; received frames with the ids {self._list_foreign_ids}: {self._foreign_remedy}"
             raise DeviceError(f"{self.line.label}: {problem}")
+        if is_delayed:  # an answer to an earlier request hides that of a second motor
+            self._wait_for(lambda: False, ANSWER_S)
+            for requests in self._requests:
+                requests.forget_late()
+            self._answers = [0] * self.joint_count
+            self._request_states(range(self.joint_count))
+            self._wait_for(lambda: all(self._answers), ANSWER_S)
+            self._wait_for(lambda: False, _SECOND_ANSWER_S)
+            self._refuse_duplicate_ids()
 
     def _request_states(self, joints: Iterable[int]) -> None:
         """Request the states of motors whose torque is off."""

@@ -251,6 +251,16 @@ def test_parameter_that_differs_between_runs_is_named_with_its_range(stiffness, 
         assert (float(least), float(largest)) == pytest.approx(told[1:3], rel=0.05)
 
 
+@pytest.mark.parametrize("cause", ["surface", "cubic term"])
+def test_cause_outside_the_model_is_attributed_to_no_parameter(cause):
+    def law(t, x, v, run):
+        if cause == "surface":
+            return kelvin_voigt(x - np.array([0.0, 2e-3, 1e-3])[run], v)
+        return kelvin_voigt(x, v, np.array([0.0, 4e6, 2e6])[run] * np.maximum(x, 0.0) ** 3)
+
+    assert differing_parameter(fit_model(session(6, law, runs=3), MODEL, {})) is None
+
+
 @pytest.mark.parametrize(("memory", "chosen", "share"), [(0.0, 1.0, 0.0), (0.8, 1.0, 0.8), (0.8, 0.5, 0.8)])
 def test_covariance_of_adjacent_blocks_is_estimated(memory, chosen, share):
     rng, noise = np.random.default_rng(1), np.zeros(20_000)

@@ -130,7 +130,7 @@ def test_refused_command_is_named(arm, refused):
 def test_starting_sensor_is_waited_for(arm, starts_s, said, monkeypatch):
     """In a tenth of the time."""
     monkeypatch.setattr(bota, "_ANSWER_S", bota._ANSWER_S / 10.0)
-    first_asked_s = arm.clock.now_s() + 0.025  # after the motors
+    first_asked_s = arm.clock.now_s() + 0.075  # after the motors
     arm.sensor.starts_until_s = first_asked_s + starts_s / 10.0
     with pytest.raises(DeviceError, match=said) if said else nullcontext():
         arm.robot.configure()
