@@ -134,7 +134,8 @@ def test_closed_output_pipe_is_no_error():
         ("palpate estimate x.csv --estimator rans", {"ransac"}),
     ],
 )
-def test_shell_completes_commands_options_and_their_values(typed, offered):
+def test_shell_completes_commands_options_and_their_values(typed, offered, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # files are offered, too
     result = CliRunner().invoke(app, prog_name="palpate", env=asked_by_bash(typed))
     assert set(result.stdout.split()) == offered, result.stderr
 
