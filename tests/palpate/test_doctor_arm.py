@@ -332,8 +332,8 @@ def limit_findings(robot_file):
     ("old", "new", "subject", "level", "words"),
     [
         ("torque_nm: [8.0,", "torque_nm: [0.5,", "torque limits", Level.FAIL, "the arm's weight needs up to"),
-        ("[0.5, 0.25, 0.03]", "[0.5, 0.25, 3.0]", "braking", Level.WARN, "damping 0.5, 0.25, 3"),
-        ("[0.5, 0.25, 0.03]", "[0.5, 0.25, 30.0]", "braking", Level.FAIL, "damping 0.5, 0.25, 30"),
+        ("[0.5, 0.25, 0.03]", "[5.0, 0.25, 0.03]", "braking", Level.WARN, "damping 5, 0.25, 0.03"),
+        ("[0.5, 0.25, 0.03]", "[0.5, 0.25, 3.0]", "braking", Level.FAIL, "damping 0.5, 0.25, 3"),
         ("encoder_age_s: 0.005", "encoder_age_s: 0.001", "age limits", Level.WARN, "encoder 1 ms"),
         ("encoder_age_s: 0.005", "encoder_age_s: 1.1", "age limits", Level.FAIL, "encoder 1100 ms"),
         ("force_n: 40.0", "force_n: 200.0", "force limit", Level.FAIL, "sensor's range ends at 100 N"),
