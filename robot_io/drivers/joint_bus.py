@@ -113,7 +113,6 @@ def joint_drivers(
 
 
 _ADAPTATION = 0.05  # share by which the usual delay follows a shorter one
-_LATE = 4.0  # longest delay of an answer that is recognized as late, relative to that of a usable answer
 _MOST_DOUBTS = 3  # consecutive doubts that stay open before the longer delay counts as usual
 
 
@@ -140,7 +139,6 @@ class RequestQueue:
         self._margin_s, self._latest_s = margin_s, latest_s
         self._usual_s = 0.0  # usual delay of an answer [s]
         self._open_s: deque[float] = deque()
-        self._expired_s: deque[float] = deque()  # requests that may still be answered, too late
         self.answered_s = -inf
         # While `is_unsure`: times of the requests since the first uncertain one, and of the answers.
         self._requested_s: list[float] = []
@@ -194,17 +192,6 @@ class RequestQueue:
             self._usual_s = max(delay_s, self._usual_s + _ADAPTATION * (delay_s - self._usual_s))
         return True
 
-    def forget_late(self) -> None:
-        """Count every answer without an open request as one too many from now on."""
-        self._expired_s.clear()
-
-    def is_late(self) -> bool:
-        """Return whether an answer without an open request may belong to an expired one, and forget that."""
-        if not self._expired_s:
-            return False
-        self._expired_s.popleft()
-        return True
-
     def _resolve(self, delay_s: float) -> None:
         """End `is_unsure` once one number of lost answers explains all; `delay_s` applies if none is lost."""
         possible = [lost for lost in range(self._most_lost + 1) if self._explains(lost)]
@@ -238,7 +225,5 @@ class RequestQueue:
 
     def _expire(self, now_s: float) -> None:
         while self._open_s and now_s - self._open_s[0] > self._latest_s:
-            self._expired_s.append(self._open_s.popleft())
+            self._open_s.popleft()
             self._arrived_s.clear()
-        while self._expired_s and now_s - self._expired_s[0] > _LATE * self._latest_s:
-            self._expired_s.popleft()

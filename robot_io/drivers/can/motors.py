@@ -266,8 +266,7 @@ class MotorBus(JointBus, Examinable):
 
 
 ANSWER_S = 0.05  # longest wait for an answer; longer than any motor needs
-_LATE_ANSWER = f"answers come later than {ANSWER_S} s after their requests"
-_ATTEMPTS = 3  # requests to a silent motor while it is configured, since this program may be delayed
+_ATTEMPTS = 3  # requests to each motor while it is configured, since a frame may be lost or late
 _SECOND_ANSWER_S = 2e-3  # after this time, a second motor with the same id has answered too
 _LATEST_WATCHDOG = 1.5  # multiple of the watchdog's time by which it has fired
 _MARGIN_SHARE = 0.5  # variation of delays, as a share of a tick
@@ -337,32 +336,20 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
     def _receive_all(self) -> None:
         """Open the adapter, receive a state of every motor with an id of its own, or raise `DeviceError`."""
         self.line.open()
-        self._unrequested = [0] * self.joint_count
-        silent = list(range(self.joint_count))
-        is_delayed = False
         for _ in range(_ATTEMPTS):
-            self._request_states(silent)
+            self._unrequested = [0] * self.joint_count
+            self._request_states(range(self.joint_count))
             self._wait_for(lambda: -inf not in self._motion_at_s or any(self._unrequested), ANSWER_S)
             self._wait_for(lambda: False, _SECOND_ANSWER_S)
-            self._refuse_duplicate_ids()
             silent = [joint for joint, at_s in enumerate(self._motion_at_s) if at_s == -inf]
-            if not silent:
-                break
-            is_delayed = True
-        else:
-            problem = f"no answer in {ANSWER_S} s from {', '.join(map(self.motor_label, silent))}"
-            if self._foreign_ids:
-                problem += f"; received frames with the ids {self._list_foreign_ids}: {self._foreign_remedy}"
-            raise DeviceError(f"{self.line.label}: {problem}")
-        if is_delayed:  # an answer to an earlier request hides that of a second motor
-            self._wait_for(lambda: False, ANSWER_S)
-            for requests in self._requests:
-                requests.forget_late()
-            self._answers = [0] * self.joint_count
-            self._request_states(range(self.joint_count))
-            self._wait_for(lambda: all(self._answers), ANSWER_S)
-            self._wait_for(lambda: False, _SECOND_ANSWER_S)
-            self._refuse_duplicate_ids()
+            if not silent and not any(self._unrequested):
+                return
+            self._wait_for(lambda: False, ANSWER_S)  # a late answer looks like that of a second motor
+        self._refuse_duplicate_ids()
+        problem = f"no answer in {ANSWER_S} s from {', '.join(map(self.motor_label, silent))}"
+        if self._foreign_ids:
+            problem += f"; received frames with the ids {self._list_foreign_ids}: {self._foreign_remedy}"
+        raise DeviceError(f"{self.line.label}: {problem}")
 
     def _request_states(self, joints: Iterable[int]) -> None:
         """Request the states of motors whose torque is off."""
@@ -420,13 +407,10 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
             states, self._states[joint] = self._states[joint], []
             requested = [state for state, at_s in states if requests.answer(at_s)]
             self._answers[joint] += len(requested)
-            late = sum(requests.is_late() for _ in range(len(states) - len(requested)))
-            unrequested = len(states) - len(requested) - late
-            self._unrequested[joint] += unrequested
+            self._unrequested[joint] += len(states) - len(requested)
             if len(requested) < len(states) and any(state != states[0][0] for state, _ in states):
                 self._newest[joint] = None
-                cause = f"more answers than requests: {_TWO_MOTORS}" if unrequested else _LATE_ANSWER
-                self._last_problem[joint] = cause
+                self._last_problem[joint] = f"more answers than requests: {_TWO_MOTORS}"
             elif requested:
                 self._newest[joint] = requested[-1]
                 self._errors[joint], self._enabled[joint] = self._condition(requested[-1])

@@ -343,29 +343,31 @@ def test_misplaced_effect_is_searched_again_in_smaller_models_too():
     assert less.solution.parameters["delay.time"] == pytest.approx(0.08, abs=3e-3)
 
 
-def test_steps_hidden_by_block_means_are_fitted_from_single_readings():
-    step_nm = 0.5
-    data = swings(1, rate_hz=250.0)
-    data = replace(data, effort=step_nm * np.round(data.effort / step_nm))
-    search = searched(data, "quantisation")
-    stepped = SWING.with_effect(EFFECTS["quantisation"]())
-    off = search.fitted(stepped, {"quantisation.step": step_nm / 3.0, "quantisation.noise": 0.01})
-    assert search.coarse is not None
-    assert abs(off.solution.parameters["quantisation.step"] - step_nm) > 0.1
-    found = search.refined(off).solution.parameters["quantisation.step"]
-    assert found == pytest.approx(step_nm, rel=1e-2)
+STEP_NM = 0.5
+TOO_FINE = {"quantisation.step": STEP_NM / 3.0, "quantisation.noise": 0.01}
+STEPPED = SWING.with_effect(EFFECTS["quantisation"]())
 
 
-def test_start_of_the_coarse_copy_does_not_replace_a_better_candidate():
-    step_nm = 0.5
+@pytest.fixture
+def rounded():
+    """The search in a swing whose torque is rounded, with a coarse copy."""
     data = swings(1, rate_hz=250.0)
-    data = replace(data, effort=step_nm * np.round(data.effort / step_nm))
-    search = searched(data, "quantisation")
-    stepped = SWING.with_effect(EFFECTS["quantisation"]())
-    search.coarse.fitted(stepped, {"quantisation.step": step_nm / 3.0, "quantisation.noise": 0.01})
-    (candidate,) = search.screen(search.start)
-    found = search.with_candidate(candidate).solution.parameters["quantisation.step"]
-    assert found == pytest.approx(step_nm, rel=1e-2)
+    return searched(replace(data, effort=STEP_NM * np.round(data.effort / STEP_NM)), "quantisation")
+
+
+def test_steps_hidden_by_block_means_are_fitted_from_single_readings(rounded):
+    off = rounded.fitted(STEPPED, TOO_FINE)
+    assert rounded.coarse is not None
+    assert abs(off.solution.parameters["quantisation.step"] - STEP_NM) > 0.1
+    found = rounded.refined(off).solution.parameters["quantisation.step"]
+    assert found == pytest.approx(STEP_NM, rel=1e-2)
+
+
+def test_start_of_the_coarse_copy_does_not_replace_a_better_candidate(rounded):
+    rounded.coarse.fitted(STEPPED, TOO_FINE)
+    (candidate,) = rounded.screen(rounded.start)
+    found = rounded.with_candidate(candidate).solution.parameters["quantisation.step"]
+    assert found == pytest.approx(STEP_NM, rel=1e-2)
 
 
 def test_progress_names_each_tried_experiment():
