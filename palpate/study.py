@@ -236,6 +236,9 @@ class Study(ModelStudy):
             revisions: one or several revision numbers; by default each joint's newest revision of these data,
                 or its base model if it has no revision.
 
+        Returns:
+            The written files, with what is in them and what was left out.
+
         Raises:
             InputError: no channel is a joint, a revision is not of a joint or is of other data, several are
                 of one joint, or a file cannot be written.

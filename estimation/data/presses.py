@@ -141,7 +141,7 @@ def _cut_between(  # noqa: PLR0917
             is_outside = depth <= depth.min() + _RELEASED * np.ptp(depth)
             outside = float(np.median(between[is_outside]))
             noise = _TO_SIGMA * float(np.median(np.abs(np.diff(between)))) if len(between) > 1 else 0.0
-            # An object that sticks pulls at the touch, or before it detaches; the cut is after the latter.
+            # A sticky object pulls when it is touched, and before it detaches; the cut comes after that.
             pull_level = outside - max(_MAX_AIR_RISE * rise, _SIGMAS[1] * noise)
             retreat = scipy.ndimage.median_filter(between[: int(np.argmax(is_outside)) + 1], 5)
             after = int(np.argmin(retreat)) if retreat.min() < pull_level else 0

@@ -322,7 +322,7 @@ def _is_magnitude(effort: FloatArray, data: ChannelData) -> bool:
 
 
 def unsigned(data: ChannelData) -> str | None:
-    """Report a joint's effort that may be only a size: never negative, zero at times, and alike both ways.
+    """Report a joint's effort that may be an absolute value: similar both ways, never negative.
 
     Args:
         data: the channel; a subtracted tare is added again.
@@ -338,8 +338,8 @@ def unsigned(data: ChannelData) -> str | None:
     if weaker < _ALIKE * stronger:
         return None
     return (
-        "no reading is below zero, although the joint moves both ways: if the effort is only the size of a "
-        "signed one, as of a current, record it with its sign"
+        "no reading is below zero, although the joint moves both ways: if the effort is an absolute value, "
+        "as some drives report their current, record it with its sign"
     )
 
 

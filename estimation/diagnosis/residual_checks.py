@@ -51,7 +51,9 @@ _MIN_BLOCKS = 40  # blocks needed in contact and in free air, or in motion and a
 _PROMINENT = 40.0  # height of a spectral line relative to the median around it; noise reaches 10
 _MAX_RUNS = 30  # largest number of runs that are fitted with separate waves
 _EXPLAINS = 1.1  # largest error with one gain of each run, relative to that of runs fitted alone
-_NEARLY_NOISE = 2.0  # largest error of runs fitted alone, relative to the noise, or the model lacks an effect
+_NEARLY_NOISE = (
+    2.0  # largest error of runs fitted alone, relative to the noise; above it, an effect is missing
+)
 _DISTINCT = 1.5  # least ratio of the error with the next best gain
 _GAIN_OF_WAVES = 0.7  # largest error with waves fitted to each run, relative to the model's error
 _FEW = 0.05  # share of the samples with the largest errors

@@ -31,9 +31,7 @@ def diagnosis_verdict(diagnosis: ChannelDiagnosis) -> VerdictView:
     is_explained = diagnosis.verdict is not Verdict.UNEXPLAINED
     remarks = [] if is_explained and not has_reason else [f"Why: {_with_period(diagnosis.reason)}"]
     if differs := diagnosis.differs_between_runs:
-        remarks.append(
-            f"The runs differ in {differs}; other values of this parameter alone explain the differences."
-        )
+        remarks.append(f"A different value of {differs} in each run explains the differences between runs.")
     return VerdictView(str(diagnosis.verdict), _sentence(diagnosis), tuple(remarks), names)
 
 

@@ -269,6 +269,8 @@ class PseudoTerminal:
             try:
                 data = os.read(self._fd, 65536)
             except OSError as error:
+                if error.errno not in {errno.EIO, errno.EAGAIN}:
+                    raise
                 self.in_use = error.errno != errno.EIO  # else the other end is not open
         speed = getattr(termios, f"B{self.baud_rate}", None)
         return data if data and speed in (None, termios.tcgetattr(self._fd)[4]) else b""

@@ -438,12 +438,12 @@ def quick_turns(seed, friction_nm=0.0):
 @pytest.mark.parametrize("seed", [2, 4])  # the second looks like a backlash
 def test_smoothing_of_quick_turns_is_no_missing_effect(seed):
     """A window of derivatives holds a fourth of a turn, and removes more than the noise from its torque."""
-    diagnosis = decide_verdict(quick_turns(seed), *SOME["joint_1"], seed=0)
+    diagnosis = diagnose(quick_turns(seed), SWING, rng=np.random.default_rng(0)).channels[0]
     assert diagnosis.verdict is Verdict.ADEQUATE
     assert "smoothing of the motion" in diagnosis.reason
     assert diagnosis.final.rmse > 0.03  # where the noise is 0.01 N m
 
 
 def test_effect_beyond_the_smoothing_of_quick_turns_is_named():
-    diagnosis = decide_verdict(quick_turns(2, friction_nm=0.2), *SOME["joint_1"], seed=0)
+    diagnosis = diagnose(quick_turns(2, friction_nm=0.2), SWING, rng=np.random.default_rng(0)).channels[0]
     assert [accepted.effect for accepted in diagnosis.accepted] == ["coulomb_friction"]
