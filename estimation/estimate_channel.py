@@ -22,7 +22,7 @@ from palpate.estimation.signals.blocks import blocks, number_pieces
 from palpate.estimation.statistics.least_squares import solve
 from palpate.estimation.statistics.uncertainty import Covariance, common_error_covariance
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.types import BoolArray, FloatArray
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _OFFSET = f"{ContactOffset.name}.offset"
 _ZERO_M = 1e-9  # distances below this are zero
@@ -47,6 +47,24 @@ def fitting_rows(data: ChannelData) -> BoolArray:
     if data.surface is not None and (data.phase >= 0).all():
         return contact_rows(data.effort, data.run, data.phase)
     return data.engaged
+
+
+def lifted_rows(data: ChannelData, model: Model, rows: BoolArray) -> IntArray:
+    """Return the samples (k,) in which a fit predicts that the object has lost contact below the surface.
+
+    A fast retraction reduces the force of a damped object to zero before the tip reaches the surface. A
+    regression that expects the force to become negative there underestimates the damping. The prediction
+    selects these samples, since a selection by the measured force would depend on its noise.
+
+    Args:
+        data: whole runs of a channel.
+        model: model to estimate.
+        rows: samples to which the model is fitted, a mask of shape (n,).
+    """
+    if data.kind is not ChannelKind.CONTACT or data.surface is not None or np.count_nonzero(rows) <= 1:
+        return np.empty(0, dtype=np.int64)
+    fitted = fit_samples(model, data, rows).parameters
+    return model.lift_off_rows(data, fitted, model.parts(data, fitted))
 
 
 def estimate_channel(

@@ -9,7 +9,7 @@ from palpate.estimation.base_model import NO_ARM, Arm
 from palpate.estimation.channel import ChannelData, Surface
 from palpate.estimation.data_quality.readings import copied_runs
 from palpate.estimation.estimate import DisplayTable, Estimate, Identifiability, TableDisplay, interval_text
-from palpate.estimation.estimate_channel import estimate_channel, fitting_rows
+from palpate.estimation.estimate_channel import estimate_channel, fitting_rows, lifted_rows
 from palpate.estimation.estimators import ESTIMATORS
 from palpate.estimation.fit.fit_problem import Solution
 from palpate.estimation.fit.measurement_noise import MeasurementNoise
@@ -158,6 +158,7 @@ def estimate_with(
         raise InputError(f"model '{model_name}' has no free parameter: there is nothing to estimate")
     channel = base.prepare(channel, context)
     rows = fitting_rows(channel) & ~np.isin(channel.run, list(copied_runs(channel)))
+    rows[lifted_rows(channel, model, rows)] = False
     estimates, failures, searched = [], {}, dict[bool, Solution]()
     for name in estimators:
         try:
