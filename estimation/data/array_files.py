@@ -1,4 +1,4 @@
-"""Read the columns of Parquet files (including LeRobot data sets), NPZ and MATLAB files, and arrays."""
+"""Read the columns of Parquet files (including LeRobot data sets), NPZ, MATLAB and HDF5 files, and arrays."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from palpate.estimation.data.column_names import TIME, guess_columns, parse_role, split_unit
 from palpate.estimation.data.file_columns import FileColumns, check_size, list_first, pa, pc
+from palpate.estimation.data.grouped_files import hdf5_content
 from palpate.estimation.data.table_layout import with_run
 from palpate.robot_io.errors import InputError
 
@@ -94,16 +95,13 @@ def read_npz(path: Path) -> FileColumns:
 
 
 def read_mat(path: Path) -> FileColumns:
-    """Read the vectors of a MATLAB file and of its structs; only those of the most frequent length are kept.
-
-    A matrix is split along its longer side into columns "name 1", "name 2" and so on. Cells with rows of
-    equal length are treated as a matrix. Several structs with a clock and the same columns are runs.
+    """Read the vectors of a MATLAB file, see `read_groups`.
 
     Args:
         path: path of the file.
 
     Raises:
-        InputError: the file is too large, has no vectors, or has format version 7.3.
+        InputError: the file is too large or has no vectors.
     """
     from scipy.io import loadmat, whosmat  # noqa: PLC0415, slow to import
 
@@ -113,13 +111,27 @@ def read_mat(path: Path) -> FileColumns:
             size = sum(8 * math.prod(shape) for _, shape, _ in whosmat(path))
         check_size(path, size)
         content = loadmat(path, simplify_cells=True)
-    except NotImplementedError as error:
-        raise InputError(
-            f"{path}: is a MATLAB file of version 7.3, which is not supported; save it with save(..., '-v7')"
-        ) from error
+    except NotImplementedError:  # version 7.3
+        content = hdf5_content(path)
+    return read_groups(content, path)
+
+
+def read_groups(content: Mapping[str, Any], path: Path) -> FileColumns:
+    """Return the vectors of arrays in groups; only those of the most frequent length are kept.
+
+    A matrix is split along its longer side into columns "name 1", "name 2" and so on. Cells with rows of
+    equal length are treated as a matrix. Several groups with a clock and the same columns are runs.
+
+    Args:
+        content: arrays, lists of arrays, and groups (MATLAB's structs) by name.
+        path: path of the file, for error messages.
+
+    Raises:
+        InputError: there are no vectors.
+    """
     if runs := _struct_runs(content):
         (first, _), *_ = runs
-        note = f"{len(runs)} structs with the same fields, read as runs: {first} ..."
+        note = f"{len(runs)} groups with the same columns, read as runs: {first} ..."
         parts = [with_run(arrow_table(columns, path), label) for label, columns in runs]
         return FileColumns(pa.concat_tables(parts, promote_options="permissive"), notes=(note,))
     vectors: dict[str, NDArray[Any]] = {}

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.estimation.data.array_files import read_mat, read_npz, read_parquet
+from palpate.estimation.data.array_files import read_groups, read_mat, read_npz, read_parquet
 from palpate.estimation.data.file_columns import (
     BAGS,
     FileColumns,
@@ -27,6 +27,7 @@ from palpate.estimation.data.file_columns import (
     pa,
     pc,
 )
+from palpate.estimation.data.grouped_files import hdf5_content, tdms_content
 from palpate.estimation.data.json_table import read_json
 from palpate.estimation.data.table_layout import (
     find_tests,
@@ -437,6 +438,8 @@ _READERS: tuple[tuple[tuple[str, ...], Callable[..., FileColumns]], ...] = (
     ((".parquet", ".pq"), read_parquet),
     ((".npz",), read_npz),
     ((".mat",), read_mat),
+    ((".h5", ".hdf5"), lambda path: read_groups(hdf5_content(path), path)),
+    ((".tdms",), lambda path: read_groups(tdms_content(path), path)),
     ((".zip",), _read_zip),
     (BAGS, lambda path: _ros_bag.read_ros_table(path)),  # noqa: PLW0108, imported when it is used
     (_JSON, read_json),

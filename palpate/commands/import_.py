@@ -36,7 +36,7 @@ _MOST_NAMES = 5  # largest number of file names stored in the session
 
 
 _FILES = (
-    "Measurements: text (.csv ...), .xlsx, .parquet, .npz, a ROS 2 bag, or a folder of these. "
+    "Measurements: text (.csv ...), .xlsx, .mat, .h5, .parquet, a ROS 2 bag, or a folder of these. "
     "Several files are runs of one measurement."
 )
 

@@ -93,7 +93,7 @@ def test_structs_in_cells_are_runs(tmp_path):
     imported = import_file(tmp_path / "runs.mat", ImportOptions(units=units))
     (channel,) = imported.channels
     assert [int(np.sum(channel.run == run)) for run in channel.runs] == [200, 201, 202]
-    assert "3 structs with the same fields, read as runs" in imported.read
+    assert "3 groups with the same columns, read as runs" in imported.read
     assert imported.run_labels[2] == "train 3"
 
 

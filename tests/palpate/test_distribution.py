@@ -114,6 +114,7 @@ NEEDS_EXTRA = {
     "view": ["inspect", "press.mcap"],
     "workbench": ["workbench", "press.csv", "--no-browser", "--port", "0"],
     "sweep": ["sweep", "paper", "--plan", "--out", "sweep"],
+    "files": ["estimate", "press.h5"],
     "arm": ["probe", "--robot", str(ROOT / "robots" / "dynamixel_3dof.yaml"), "--yes"],
 }
 
@@ -124,6 +125,7 @@ def test_missing_extra_is_named_where_it_is_needed(probed, tmp_path, monkeypatch
     monkeypatch.chdir(tmp_path)  # where the commands run
     write_presses(tmp_path / "press.csv", speeds_m_s=(0.06, 0.1))
     cut(probed[0], tmp_path / "arm.mcap", 0.5)
+    (tmp_path / "press.h5").write_bytes(b"\x89HDF\r\n\x1a\n")
     commands = [
         ["import", "press.csv", "-o", "press.mcap"],
         *([name, "press.mcap"] for name in ("info", "estimate", "compare")),
