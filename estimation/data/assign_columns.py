@@ -193,6 +193,9 @@ def assign_columns(table: Table, options: ImportOptions) -> ColumnAssignment:
         }
     reserved = {*options.columns.values(), *options.context, *(column for _, column in chosen.values())}
     chosen |= choose_columns(ColumnUnits(table, options), chosen, reserved, shift)
+    if TIME not in chosen and TIME[0] in options.units and not {TIME[0], _ROW_NUMBER} & set(table.names):
+        numbered = table.columns.append_column(_ROW_NUMBER, pa.array(np.arange(len(table), dtype=np.float64)))
+        table, chosen[TIME] = replace(table, columns=numbered), (Role(*TIME, ""), _ROW_NUMBER)
     for role, column in chosen.values():
         repeated_name, cells = f"{column} (2)", table.columns
         is_chosen = column in options.columns.values() or repeated_name not in table.names
@@ -222,6 +225,9 @@ def assign_columns(table: Table, options: ImportOptions) -> ColumnAssignment:
     phase = options.columns.get(PHASE, PHASE if PHASE in table.names else None)
     notes += [*_note_preamble(units, chosen, assigned), *position_notes, *sign_notes]
     return ColumnAssignment(table, assigned, run, phase, tuple(notes), two_sided, shift)
+
+
+_ROW_NUMBER = "row number"  # column that stands for the time if there is none and its unit is given
 
 
 def propose_columns(table: Table) -> dict[str, tuple[str, str]]:

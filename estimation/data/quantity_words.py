@@ -50,18 +50,18 @@ _BY_QUANTITY = {
         сила нагрузка усилие 力 载荷 荷载 负荷 试验力 力值 荷重 試験力 하중
     """,
     "torque": """
-        iq tau tor trq torque torques effort efforts cur current currents moment drehmoment strom motorstrom
-        couple courant corriente momento coppia corrente koppel tork
+        iq tau tor trq qfrc torque torques effort efforts cur current currents moment drehmoment strom
+        motorstrom couple courant corriente momento coppia corrente koppel tork
         момент ток 扭矩 转矩 轉矩 电流 トルク 電流
     """,
     "position": """
-        q ang angle angles theta pos position positions encoder encoders enc winkel posición ángulo
+        q qpos jpos ang angle angles theta pos position positions encoder encoders enc winkel posición ángulo
         posizione angolo posição pozycja kąt konum
         положение угол 位置 角度
     """,
     "velocity": """
-        v vel dq qd velocity speed omega rpm geschwindigkeit vitesse velocidad velocità velocidade prędkość
-        snelheid hız
+        v vel dq qd qvel jvel velocity speed omega rpm geschwindigkeit vitesse velocidad velocità velocidade
+        prędkość snelheid hız
         скорость 速度 转速 轉速
     """,
     "run": "run trial cycle test rep repeat press versuch messung zyklus lauf essai ensayo prova",

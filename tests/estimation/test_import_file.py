@@ -594,6 +594,19 @@ def test_slow_press_without_time_uses_row_numbers_and_notes_it(contact):
     assert any("no time column: rows are assumed to be 1 s apart" in note for note in imported.notes)
 
 
+def test_unit_of_a_missing_time_is_the_interval_of_rows(contact, tmp_path):
+    imported = import_file(contact(time_s=None), ImportOptions(units={"time": "20 ms"}))
+    assert not any("no time column" in note for note in imported.notes)
+    assert np.diff(only(imported).time_s) == pytest.approx(0.02)
+    t = np.arange(300) * 0.02
+    np.savez(tmp_path / "arm.npz", qpos=np.sin(3.0 * t), effort=np.cos(3.0 * t))
+    units = {"position": "rad", "torque": "Nm", "time": "20ms"}
+    joint = only(import_file(tmp_path / "arm.npz", ImportOptions(units=units)))
+    assert joint.velocity[50:-50] == pytest.approx(3.0 * np.cos(3.0 * t)[50:-50], abs=0.05)
+    with pytest.raises(InputError, match="is not a unit of time"):
+        import_file(contact(time_s=None), ImportOptions(units={"time": "N"}))
+
+
 def test_displacement_words_are_ignored_where_another_column_holds_it(contact):
     stroke = ["down"] * 25 + ["up"] * 25
     columns = {"displacement_m": None, "force_N": None, "time_s": None}
