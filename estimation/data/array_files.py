@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import zipfile
 from collections import Counter, deque
 from collections.abc import Mapping
@@ -23,6 +24,7 @@ from palpate.robot_io.errors import InputError
 _MAX_COMPRESSION = 50  # assumed compression ratio of a MATLAB file whose variables cannot be listed
 _MIN_CELL_BYTES = 4  # assumed least number of bytes per value
 _MIN_COLUMNS = 3  # least number of columns of a run: time, motion and effort
+_MAX_NESTED = 3  # levels of groups within a run
 _MAX_LABEL = 60  # characters of a signal's label that are used
 _BATCH_ROWS = 256
 
@@ -197,25 +199,42 @@ def _scope_signals(scope: Mapping[str, Any]) -> list[tuple[str, Any]]:
 
 
 def _struct_runs(content: Mapping[str, Any]) -> list[tuple[str, dict[str, NDArray[Any]]]]:
-    """Return the structs of a MATLAB file with a clock and the same columns, which are runs, by label."""
+    """Return the groups with the same columns, which are runs, by label; empty if there are none.
+
+    Groups without a clock are runs only if their labels differ by a number, such as "demo_0" and "demo_1".
+    """
     groups: dict[tuple[str, ...], list[tuple[str, dict[str, NDArray[Any]]]]] = {}
     items = ((str(name), value) for name, value in content.items() if not str(name).startswith("__"))
     pending = deque[tuple[str, Any]](items)
     while pending:
         label, value = pending.popleft()
         if isinstance(value, Mapping):
-            arrays = [(str(key), part) for key, part in value.items() if isinstance(part, np.ndarray)]
-            vectors = {name: v for key, part in arrays for name, v in _vectors(key, part).items()}
-            lengths = {len(vector) for vector in vectors.values()}
-            clocks = [guess for guess in guess_columns(list(vectors)) if guess.key == TIME]
-            if len(lengths) == 1 and clocks and len(vectors) >= _MIN_COLUMNS:
-                groups.setdefault(tuple(vectors), []).append((label, vectors))
+            for vectors in (_nested_vectors(value), _nested_vectors(value, _MAX_NESTED)):
+                lengths = {len(vector) for vector in vectors.values()}
+                has_clock = any(guess.key == TIME for guess in guess_columns(list(vectors)))
+                kind = "" if has_clock else re.sub(r"\d+", "", label)
+                same = groups.setdefault((kind, *vectors), [])
+                is_inside = any(f"{label}.".startswith(f"{outer}.") for outer, _ in same)
+                if len(lengths) == 1 and len(vectors) >= _MIN_COLUMNS and not is_inside:
+                    same.append((label, vectors))
             pending += [(f"{label}.{key}", part) for key, part in value.items()]
         elif isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
             parts = value if isinstance(value, list) else value.ravel().tolist()
             pending += [(f"{label} {number}", part) for number, part in enumerate(parts, 1)]
-    runs = max(groups.values(), key=len, default=[])
+    runs = max(groups.values(), key=lambda each: (len(each), each and len(each[0][1])), default=[])
     return runs if len(runs) > 1 else []
+
+
+def _nested_vectors(group: Mapping[str, Any], depth: int = 0) -> dict[str, NDArray[Any]]:
+    """Return the vectors of a group and of the groups in it, down to a depth, by their own names."""
+    vectors: dict[str, NDArray[Any]] = {}
+    for key, part in group.items():
+        if isinstance(part, np.ndarray):
+            vectors |= _vectors(str(key), part)
+        elif depth and isinstance(part, Mapping):
+            nested = _nested_vectors(part, depth - 1)
+            vectors |= {f"{key}.{name}" if name in vectors else name: v for name, v in nested.items()}
+    return vectors
 
 
 def matrix_columns(name: str, matrix: NDArray[Any]) -> dict[str, NDArray[Any]]:

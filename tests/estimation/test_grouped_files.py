@@ -32,6 +32,19 @@ def test_groups_of_hdf5_with_a_clock_are_runs(tmp_path):
     np.testing.assert_allclose(second.effort, np.concatenate([0.5 * Q[:, 1] + n for n in range(3)]))
 
 
+def test_numbered_groups_without_a_clock_are_runs_with_their_subgroups(tmp_path):
+    with h5py.File(tmp_path / "demos.hdf5", "w") as file:
+        for number in range(2):
+            demo = file.create_group(f"data/demo_{number}")
+            demo["actions"], demo["dones"] = Q, np.zeros(len(Q), np.int8)
+            demo["obs/qpos"], demo["obs/qvel"], demo["obs/effort"] = Q, Q, 0.5 * Q + number
+    imported = import_file(tmp_path / "demos.hdf5", ImportOptions(units=ANGLES | {"time": "20ms"}))
+    assert "2 groups with the same columns, read as runs" in imported.read
+    first, _ = imported.channels
+    np.testing.assert_allclose(first.effort, np.concatenate([0.5 * Q[:, 0], 0.5 * Q[:, 0] + 1]))
+    assert np.diff(first.time_s[: len(Q)]) == pytest.approx(0.02)
+
+
 def test_records_and_pandas_tables_are_columns(tmp_path):
     kinds = [("Time (s)", float), ("Way (mm)", np.float32), ("Force (N)", float), ("note", "S4")]
     records = np.zeros(len(TIME_S), dtype=kinds)
