@@ -226,3 +226,14 @@ def test_encoder_fault_invalidates_the_velocity(make_robot, path, fail, said):
     most = 12 if path is ODRIVE else 3
     arm.ticks_until(lambda measurement: measurement.encoder_status is Status.FAULT, most)
     assert said in arm.robot.bus_errors["motors"]
+
+
+@pytest.mark.parametrize("path", [CUBEMARS, DAMIAO, MOTEUS, ROBSTRIDE])
+def test_last_command_is_repeated_for_the_watchdog_time_only(make_robot, path):
+    """The motors' own watchdogs do not help: each request for the state would restart them."""
+    arm = make_robot(path).start()
+    arm.ticks(3, PUSH_NM)
+    arm.ticks(round(0.08 / arm.period_s), None)
+    np.testing.assert_allclose(arm.drive_torque_nm, PUSH_NM, atol=0.05)
+    arm.ticks(round(0.04 / arm.period_s), None)
+    np.testing.assert_allclose(arm.drive_torque_nm, 0.0, atol=0.03)
