@@ -309,15 +309,19 @@ def read_zip(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 
 
 def read_json(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
-    """Read numbers of a list of records, series of a list of graphs, or lists by their names.
+    """Read numbers of a list of records, series of a list of graphs, lists of rows, or lists by their names.
 
     Options: `records`: key of the list of records, whose keys are the names; or `graphs`: key of a list
-    of phases, and key of the series of a phase; the series of all phases are joined. Without them,
-    each list of numbers is a column. `under`: key of the part of the file that holds all this.
+    of phases, and key of the series of a phase; the series of all phases are joined; or `tables`: keys of
+    the lists of rows, a table each, and `names` of their columns. Without them, each list of numbers is a
+    column. `under`: key of the part of the file that holds all this.
     """
     table = json.loads(content)
     if "under" in options:
         table = table[options["under"]]
+    if "tables" in options:
+        names = options.get("names", [])
+        return [_named(np.array(table[key], dtype=np.float64), names) for key in options["tables"]]
     if "graphs" in options:
         phases, graph = options["graphs"]
         graphs = [phase[graph] for phase in table[phases]]

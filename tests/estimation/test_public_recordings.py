@@ -86,6 +86,13 @@ def test_reading_whose_sign_bit_is_set_is_negative(tmp_path):
     assert table["torque_Nm"] == [40.0, -50.0]
 
 
+def test_lists_of_rows_are_runs(tmp_path):
+    (tmp_path / "drive.json").write_text('{"unit": "m", "fast": [[0, 7], [1, 8]], "slow": [[0, 1], [1, 2]]}')
+    read = {"format": "json", "files": ["drive.json"], "tables": ["slow", "fast"], "names": ["t", "volts"]}
+    table = converted(tmp_path, {"time_s": "0", "force_N": "volts"}, **read)
+    assert table == {"time_s": [0, 1, 0, 1], "force_N": [1, 2, 7, 8], "run": [0, 0, 1, 1]}
+
+
 def test_rows_are_sorted_by_the_column_of_their_order(tmp_path):
     (tmp_path / "map.txt").write_text("2 6\n0 4\n1 5\n")
     columns = {"time_s": "0", "force_N": "1"}
