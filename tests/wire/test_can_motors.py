@@ -141,6 +141,17 @@ def test_doubled_or_lost_answer_makes_later_ones_no_older(make_robot, path, kind
 
 
 @ASKED
+def test_torque_off_is_confirmed_though_every_answer_is_doubled(make_robot, path):
+    """The answers before and after the motor went off arrived in one batch, and none of them counted."""
+    arm = make_robot(path).start()
+    arm.inject_fault("motors", FaultKind.DUPLICATE)
+    arm.ticks(5, PUSH_NM)
+    assert not arm.problem
+    arm.robot.deactivate()
+    assert not any(getattr(node, "enabled", False) for node in arm.motors)
+
+
+@ASKED
 def test_doubled_answer_before_activation_is_no_second_motor(make_robot, path):
     arm = make_robot(path)
     arm.robot.configure()

@@ -44,13 +44,14 @@ def test_no_torque_before_activation_nor_after_the_timeout(make_robot, ask_with)
 def test_unconfirmed_motor_command_is_an_error(make_robot):
     arm = make_robot(CUBEMARS)
     arm.robot.configure()
-    arm.inject_fault("motors", FaultKind.DROP, device=2, for_s=0.2)
+    arm.inject_fault("motors", FaultKind.DROP, device=2, for_s=0.5)
     with pytest.raises(DeviceError, match=r"motor mode is not confirmed by joint 2 \(motor 2\)"):
         arm.robot.activate()
-    arm.clock.sleep_until(arm.clock.now_s() + 0.2)
+    arm.clock.sleep_until(arm.clock.now_s() + 0.5)
     arm.robot.activate()
     assert all(node.enabled for node in arm.motors)
-    arm.inject_fault("motors", FaultKind.DROP, device=3, for_s=0.1)
+    arm.inject_fault("motors", FaultKind.DROP, device=3, for_s=0.5)
+    arm.tick()
     with pytest.raises(DeviceError, match=r"torque off is not confirmed by joint 3 \(motor 3\)"):
         arm.robot.deactivate()
     assert not any(node.enabled for node in arm.motors)  # they were told all the same

@@ -435,10 +435,8 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
 
     def _send_confirmed(self, frames: list[CanFrame], problem: str, *, enabled: bool) -> None:
         """Send frames, two or more to each motor, and wait for two answers of each; raise `DeviceError`."""
-        # A motor that reports its mode must report `enabled`, or an error.
-        self._answers, self._unrequested = [0] * self.joint_count, [0] * self.joint_count
-        self._send_all(frames)
 
+        # A motor that reports its mode must report `enabled`, or an error.
         def missing() -> list[str]:
             return [
                 self.motor_label(joint)
@@ -446,8 +444,18 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
                 if answers < 2 or (not self._error(joint) and is_on not in (None, enabled))
             ]
 
-        if not self._wait_for(lambda: not missing(), ANSWER_S):
-            raise self._not_confirmed(problem, missing())
+        # Later attempts wait after one frame to each motor: if answers come doubled, only equal ones count.
+        count = self.joint_count
+        single = [frames[start : start + count] for start in range(0, len(frames), count)]
+        for batches in ([frames], *[single] * (_ATTEMPTS - 1)):
+            self._answers, self._unrequested = [0] * count, [0] * count
+            for sent, batch in enumerate(batches[:-1], 1):
+                self._send_all(batch)
+                self._wait_for(lambda sent=sent: min(self._answers) >= sent, ANSWER_S)
+            self._send_all(batches[-1])
+            if self._wait_for(lambda: not missing(), ANSWER_S):
+                return
+        raise self._not_confirmed(problem, missing())
 
     def _not_confirmed(self, problem: str, motors: Iterable[str]) -> DeviceError:
         """Make the error for motors that did not confirm, with those whose ids are not unique."""
