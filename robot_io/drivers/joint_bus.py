@@ -160,6 +160,11 @@ class RequestQueue:
             self._after_gap = len(self._requested_s)
         return omits
 
+    def forget(self) -> None:
+        """Give up the open requests, whose answers are lost."""
+        self._open_s.clear()
+        self._arrived_s.clear()
+
     def ask(self, now_s: float) -> None:
         """Note a request that is sent now.
 

@@ -234,7 +234,7 @@ class MoteusBus(PolledMotorBus[MoteusState]):
     def power_on(self) -> None:
         self._unrequested = [0] * self.joint_count
         self._arm()
-        self._refuse_duplicate_ids()
+        self._check_unique_ids()
         self._refuse_unreferenced()  # it may have restarted since it was configured
         self._wait_for_watchdogs()
         self._exchange(self._state_request_frames)

@@ -266,7 +266,7 @@ class MotorBus(JointBus, Examinable):
 
 
 ANSWER_S = 0.05  # longest wait for an answer; longer than any motor needs
-_ATTEMPTS = 3  # requests to each motor while it is configured, since a frame may be lost or late
+ATTEMPTS = 3  # requests to each motor, except in a run, since a frame may be lost or late
 _SECOND_ANSWER_S = 2e-3  # after this time, a second motor with the same id has answered too
 _LATEST_WATCHDOG = 1.5  # multiple of the watchdog's time by which it has fired
 _MARGIN_SHARE = 0.5  # variation of delays, as a share of a tick
@@ -336,7 +336,7 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
     def _receive_all(self) -> None:
         """Open the adapter, receive a state of every motor with an id of its own, or raise `DeviceError`."""
         self.line.open()
-        for _ in range(_ATTEMPTS):
+        for _ in range(ATTEMPTS):
             self._unrequested = [0] * self.joint_count
             self._request_states(range(self.joint_count))
             self._wait_for(lambda: -inf not in self._motion_at_s or any(self._unrequested), ANSWER_S)
@@ -359,6 +359,15 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
         """Raise a DeviceError if a motor answers more often than it was asked."""
         if duplicates := self._duplicate_ids():
             raise DeviceError(f"{self.line.label}: {duplicates}")
+
+    def _check_unique_ids(self) -> None:
+        """Exchange zero torques until one exchange is clean; raise `DeviceError` if none is."""
+        for _ in range(ATTEMPTS):
+            if any(self._unrequested):
+                self._unrequested = [0] * self.joint_count
+                self._exchange(self._zero_torque())
+                self._wait_for(lambda: False, _SECOND_ANSWER_S)
+        self._refuse_duplicate_ids()
 
     def _duplicate_ids(self) -> str:
         """Name the motors that have answered more often than they were asked; empty if there are none."""
@@ -444,31 +453,49 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
                 if answers < 2 or (not self._error(joint) and is_on not in (None, enabled))
             ]
 
+        def have_answered(count: int) -> Callable[[], bool]:
+            return lambda: min(self._answers) >= count
+
         # Later attempts wait after one frame to each motor: if answers come doubled, only equal ones count.
         count = self.joint_count
         single = [frames[start : start + count] for start in range(0, len(frames), count)]
-        for batches in ([frames], *[single] * (_ATTEMPTS - 1)):
+        for batches in ([frames], *[single] * (ATTEMPTS - 1)):
             self._answers, self._unrequested = [0] * count, [0] * count
             for sent, batch in enumerate(batches[:-1], 1):
                 self._send_all(batch)
-                self._wait_for(lambda sent=sent: min(self._answers) >= sent, ANSWER_S)
+                self._wait_for(have_answered(sent), ANSWER_S)
             self._send_all(batches[-1])
             if self._wait_for(lambda: not missing(), ANSWER_S):
                 return
+            self._forget_requests()
         raise self._not_confirmed(problem, missing())
+
+    def _forget_requests(self) -> None:
+        for requests in self._requests:
+            requests.forget()
 
     def _not_confirmed(self, problem: str, motors: Iterable[str]) -> DeviceError:
         """Make the error for motors that did not confirm, with those whose ids are not unique."""
         duplicates = f"; {self._duplicate_ids()}" if any(self._unrequested) else ""
         return DeviceError(f"{self.line.label}: {problem} {', '.join(motors)}{duplicates}")
 
-    def _exchange(self, frames: list[CanFrame]) -> None:
-        """Send one frame to each motor and wait for the answers; raise `DeviceError` if a motor is silent."""
+    def _exchange(self, frames: list[CanFrame], attempts: int = ATTEMPTS) -> None:
+        """Send one frame to each motor until all answer; raise `DeviceTimeoutError` if a motor is silent."""
         self._answers = [0] * self.joint_count
-        self._send_all(frames)
-        if not self._wait_for(lambda: all(self._answers), ANSWER_S):
-            silent = self.motor_label(self._answers.index(0))
-            raise DeviceError(f"{self.line.label}: no answer in {ANSWER_S} s from {silent}")
+
+        def silent() -> list[int]:  # with those whose answer is not attributed, and so not stored
+            unsure = [requests.is_unsure for requests in self._requests]
+            return [joint for joint, count in enumerate(self._answers) if not count or unsure[joint]]
+
+        asked = list(range(self.joint_count))
+        for _ in range(attempts):
+            self._send_all([frames[joint] for joint in asked])
+            if self._wait_for(lambda: not silent(), ANSWER_S):
+                return
+            asked = silent()
+            self._forget_requests()
+        label = self.motor_label(asked[0])
+        raise DeviceTimeoutError(f"{self.line.label}: no answer in {ANSWER_S} s from {label}")
 
     def _refuse_errors(self, but: int | None = None) -> None:
         """Raise a DeviceError with the names of all motors that have an error other than `but`."""
@@ -481,8 +508,8 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
             raise DeviceError(f"{self.line.label}: {'; '.join(problems)}: remove the cause, then restart it")
 
     def _wait_for_watchdogs(self) -> None:
-        """Send nothing for longer than the motors' watchdog time."""
-        self._clock.sleep_until(self._clock.now_s() + _LATEST_WATCHDOG * self._watchdog_s)
+        """Send nothing for longer than the motors' watchdog time; then no earlier answers are left."""
+        self._wait_for(lambda: False, _LATEST_WATCHDOG * self._watchdog_s)
 
     def _refuse_active(self, is_active: Iterable[bool], evidence: str) -> None:
         """Raise a DeviceError if some motors did not stop during the silence."""

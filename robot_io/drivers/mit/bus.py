@@ -6,7 +6,7 @@ from math import inf
 
 from palpate.robot_io.driver import DriverContext
 from palpate.robot_io.drivers.can.line import CanFrame
-from palpate.robot_io.drivers.can.motors import ANSWER_S, PolledMotorBus
+from palpate.robot_io.drivers.can.motors import ANSWER_S, ATTEMPTS, PolledMotorBus
 from palpate.robot_io.drivers.joint_bus import joint_drivers
 from palpate.robot_io.drivers.mit.protocol import (
     TIMEOUT_STEP_S,
@@ -16,7 +16,7 @@ from palpate.robot_io.drivers.mit.protocol import (
     MotorRegister,
 )
 from palpate.robot_io.drivers.mit.settings import MitBusSettings
-from palpate.robot_io.errors import DeviceError, ProtocolError
+from palpate.robot_io.errors import DeviceError, DeviceTimeoutError, ProtocolError
 from palpate.robot_io.examination import Finding, fail, ok
 
 _SAME_RANGE = 1e-3  # relative tolerance between a motor's own range and the stated one
@@ -113,8 +113,10 @@ class MitBus(PolledMotorBus[MitState]):
         write = [] if value is None else [self._frames.write_register(motor_id, register, value)]
         self._register_asked, self._register_values = (joint, register), []
         try:
-            self._send_all([*write, self._frames.read_register(motor_id, register)])
-            self._wait_for(lambda: bool(self._register_values), ANSWER_S)
+            for _ in range(ATTEMPTS):
+                self._send_all([*write, self._frames.read_register(motor_id, register)])
+                if self._wait_for(lambda: bool(self._register_values), ANSWER_S):
+                    break
         finally:
             self._register_asked = None
         if not self._register_values:
@@ -182,7 +184,7 @@ class MitBus(PolledMotorBus[MitState]):
             self._set_up()
         frames = [*self._command_frames(MotorCommand.ENTER), *self._zero_torque()]
         self._send_confirmed(frames, "motor mode is not confirmed by", enabled=True)
-        self._refuse_duplicate_ids()
+        self._check_unique_ids()
         self._refuse_errors()
         if self._tests_watchdogs:
             self._check_watchdogs()
@@ -215,30 +217,38 @@ class MitBus(PolledMotorBus[MitState]):
         """Let all watchdogs expire; raise `DeviceError` if a motor keeps its torque, or never shows any."""
         # A motor that reports its mode must have left motor mode. Any other motor exerts a small torque
         # before the silence, and is asked afterwards by the frame that enters motor mode.
-        reports_mode = bool(self._dialect.activation_registers)
+        if self._dialect.activation_registers:
+            self._wait_for_watchdogs()
+            self._exchange(self._zero_torque())
+            self._refuse_active(map(bool, self._enabled), "is still in motor mode")
+            return
         trial_nm = [
             _TRIAL_SHARE * ranges.torque_nm * abs(motor.signed_ratio)
             for ranges, motor in zip(self._ranges, self._motors, strict=True)
         ]
-        if not reports_mode:
-            trial = [self._encode_torque(joint, torque_nm)[0] for joint, torque_nm in enumerate(trial_nm)]
+        trial = [self._encode_torque(joint, torque_nm)[0] for joint, torque_nm in enumerate(trial_nm)]
+        for attempts_left in reversed(range(ATTEMPTS)):
             self._exchange(trial)
-            self._clock.sleep_until(self._clock.now_s() + _TRIAL_S)
-            exerting = self._exerts_torque(trial, trial_nm)
+            self._wait_for(lambda: False, _TRIAL_S)
+            exerting = self._exert_torque(trial, trial_nm)
             if not all(exerting):
                 idle = self.motor_label(exerting.index(False))
                 raise DeviceError(f"{self.line.label}: {idle} reports no torque although one was commanded")
-        self._wait_for_watchdogs()
-        if reports_mode:
-            self._exchange(self._zero_torque())
-            self._refuse_active(map(bool, self._enabled), "is still in motor mode")
-        else:
-            exerting = self._exerts_torque(self._command_frames(MotorCommand.ENTER), trial_nm)
-            self._refuse_active(exerting, "still exerts torque")
+            self._wait_for_watchdogs()
+            try:  # this frame ends a torque, so after a lost answer the whole test is repeated
+                enter = self._command_frames(MotorCommand.ENTER)
+                self._refuse_active(self._exert_torque(enter, trial_nm, attempts=1), "still exerts torque")
+            except DeviceTimeoutError:
+                if not attempts_left:
+                    raise
+            else:
+                return
 
-    def _exerts_torque(self, frames: list[CanFrame], trial_nm: list[float]) -> list[bool]:
+    def _exert_torque(
+        self, frames: list[CanFrame], trial_nm: list[float], attempts: int = ATTEMPTS
+    ) -> list[bool]:
         """Whether the answers to `frames`, one to each motor, show at least half of torques (n) [N m]."""
-        self._exchange(frames)
+        self._exchange(frames, attempts)
         return [torque >= 0.5 * trial for torque, trial in zip(self._torque_nm, trial_nm, strict=True)]
 
     def _switch_off(self) -> None:
