@@ -271,6 +271,7 @@ _SECOND_ANSWER_S = 2e-3  # after this time, a second motor with the same id has 
 _LATEST_WATCHDOG = 1.5  # multiple of the watchdog's time by which it has fired
 _MARGIN_SHARE = 0.5  # variation of delays, as a share of a tick
 _TWO_MOTORS = "do two motors have this id?"
+_CONTRADICTIONS = 3  # consecutive polls with several states for one request that show two motors
 
 StateType = TypeVar("StateType")
 
@@ -298,6 +299,7 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
         # Newest states without a known request.
         self._newest: list[StateType | None] = [None] * len(mountings)
         self._answers, self._unrequested = [0] * len(mountings), [0] * len(mountings)
+        self._contradictions = [0] * len(mountings)
         self._commanded_s = -inf
         self._command: list[CanFrame] = []
         self._flushed = False
@@ -420,7 +422,10 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
             if len(requested) < len(states) and any(state != states[0][0] for state, _ in states):
                 self._newest[joint] = None
                 self._last_problem[joint] = f"more answers than requests: {_TWO_MOTORS}"
+                self._contradictions[joint] += 1
+                self._motion_is_wrong[joint] |= self._contradictions[joint] >= _CONTRADICTIONS
             elif requested:
+                self._contradictions[joint] = 0
                 self._newest[joint] = requested[-1]
                 self._errors[joint], self._enabled[joint] = self._condition(requested[-1])
             state = self._newest[joint]
@@ -429,6 +434,8 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
                 self._store_state(joint, state, requests.answered_s)
 
     def _fault(self, joint: int, now_s: float) -> str:
+        if self._contradictions[joint] >= _CONTRADICTIONS:
+            return f"answers more often than it is asked, with different states: {_TWO_MOTORS}"
         error = self._error(joint)
         if not error and self._powered and self._enabled[joint] is False:
             return "has left motor mode; has it restarted?"
