@@ -27,8 +27,10 @@ checked.
 A working drive may not measure the commanded torque: constants have errors of tens of percent, zeros drift,
 amplifiers saturate, small torques are lost, and some readings are mostly noise or rounding. So half of the
 torque may always be missing, a reading may have its usual error, and a difference within the reading's own
-jumps is ignored. A small torque is not expected of a drive that has never measured so small a torque of that
-sign.
+jumps is ignored. A reading that is exactly constant for 0.1 s has no noise, however it jumped before, and its
+resolution excuses no more than a twentieth of the torque limit: a drive that no longer measures any torque is
+found from an eighth of its limit on. A small torque is not expected of a drive that has never measured so
+small a torque of that sign.
 """
 
 from math import inf, isfinite, log, nan
@@ -304,6 +306,8 @@ _LARGE_SHARE = 0.1  # and so must this share of the torque limit, whatever was s
 _FLOOR_SHARE = 0.01  # this share of the torque limit, and
 _JUMPS = 2.0  # multiple of the reading's mean jump
 _JUMP_SHARE = 0.02  # weight of a new jump in that mean
+_CONSTANT_S = 0.1  # time without a jump after which they excuse
+_COARSEST_SHARE = 0.05  # no more than this share of the torque limit
 _DISOBEYED_SAMPLES = 5  # consecutive samples before it counts, at any sample rate
 _HABIT_S = 1.0  # time constant with which a deviation becomes usual;
 _FIRST_S = 0.05  # for this time after the first command,
@@ -321,19 +325,19 @@ class _Drive:
     """Recent commands and usual readings of one drive."""
 
     __slots__ = (
-        *("before_nm", "clear_nm", "count", "floor_nm", "high_nm", "jump_nm", "jumps"),
-        *("low_nm", "measured_nm", "obeyed_at_s", "sent_nm", "usually_off_nm"),
+        *("before_nm", "changed_at_s", "clear_nm", "coarsest_nm", "count", "floor_nm", "high_nm"),
+        *("jump_nm", "jumps", "low_nm", "measured_nm", "obeyed_at_s", "sent_nm", "usually_off_nm"),
     )
 
     def __init__(self, limit_nm: float) -> None:
-        self.floor_nm = _FLOOR_SHARE * limit_nm
+        self.floor_nm, self.coarsest_nm = _FLOOR_SHARE * limit_nm, _COARSEST_SHARE * limit_nm
         # Lowest and highest command: in this interval, in the previous one, and in both.
         self.sent_nm = self.before_nm = (inf, -inf)
         self.measured_nm = nan
         self.jump_nm = inf  # resolution unknown until the reading changes
         # Smallest torques that were clearly measured, by sign.
         self.clear_nm = dict.fromkeys((1.0, -1.0), _LARGE_SHARE * limit_nm / _SMALLER)
-        self.usually_off_nm = self.obeyed_at_s = 0.0
+        self.usually_off_nm = self.obeyed_at_s = self.changed_at_s = 0.0
         self.count = self.jumps = 0
 
     def widen(self, torque_nm: float, *, is_next: bool) -> None:
@@ -354,16 +358,18 @@ class _Drive:
         self.low_nm = low_nm if low_nm < before_low_nm else before_low_nm
         self.high_nm = high_nm if high_nm > before_high_nm else before_high_nm
 
-    def shows(self, measured_nm: float) -> None:
+    def shows(self, measured_nm: float, at_s: float) -> None:
         """Store the newest reading, and update the mean jump.
 
         Args:
             measured_nm: measured torque [N m]; an equal reading is no jump.
+            at_s: time of the reading [s].
         """
         jump_nm = abs(measured_nm - self.measured_nm)
         self.measured_nm = measured_nm
         if jump_nm > 0.0:
             self.jumps += 1
+            self.changed_at_s = at_s
             mean_nm = self.jump_nm if self.jumps > 1 else jump_nm
             self.jump_nm = mean_nm + (jump_nm - mean_nm) * max(_JUMP_SHARE, 1.0 / self.jumps)
 
@@ -372,14 +378,17 @@ class _Drive:
         """Smallest recent torque if all had one sign [N m]."""
         return min(self.low_nm, self.high_nm, key=abs)
 
-    def is_missing(self) -> bool:
-        """Return whether the reading indicates a missing torque."""
+    def is_missing(self, at_s: float) -> bool:
+        """Return whether the reading of a time [s] indicates a missing torque."""
         low_nm, high_nm = self.low_nm, self.high_nm
         sign, least_nm, most_nm = (1.0, low_nm, high_nm) if low_nm > 0.0 else (-1.0, -high_nm, -low_nm)
         if not least_nm > 2.0 * self.floor_nm:
             return False
         missing_nm = least_nm - sign * self.measured_nm
-        may_be_nm = _MISSING_SHARE * least_nm + self.floor_nm + _JUMPS * self.jump_nm
+        jumps_nm = _JUMPS * self.jump_nm
+        if self.jumps and at_s - self.changed_at_s >= _CONSTANT_S:
+            jumps_nm = min(jumps_nm, self.coarsest_nm)
+        may_be_nm = _MISSING_SHARE * least_nm + self.floor_nm + jumps_nm
         if missing_nm <= _CLEAR_SHARE * may_be_nm and most_nm <= _STEADY * least_nm:
             self.clear_nm[sign] = min(self.clear_nm[sign], most_nm)
         missing_nm += min(sign * self.usually_off_nm, 0.0)
@@ -440,8 +449,8 @@ class UnresponsiveDrives:
         share = dt_s / (dt_s + (_FIRST_HABIT_S if is_first else _HABIT_S))
         torques_nm = measurement.joint_torque_nm.tolist()
         for joint, (drive, measured_nm) in enumerate(zip(self._drives, torques_nm, strict=True), 1):
-            drive.shows(measured_nm)
-            if not (is_judged and drive.is_missing()):
+            drive.shows(measured_nm, sampled_at_s)
+            if not (is_judged and drive.is_missing(sampled_at_s)):
                 drive.count, drive.obeyed_at_s = 0, sampled_at_s
                 off_nm = measured_nm - clip(measured_nm, drive.low_nm, drive.high_nm)
                 drive.usually_off_nm += (off_nm - drive.usually_off_nm) * share

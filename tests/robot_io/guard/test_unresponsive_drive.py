@@ -93,6 +93,9 @@ WEAR = {
     "much noise": {"noise": 1.5},
     "coarse": {"step": 1.7, "noise": 0.01},
     "noiseless and coarse": {"step": 1.0},
+    "noiseless and very coarse": {"step": 0.05 * 37.0},
+    "noiseless, coarse, weak": {"step": 1.0, "gain": 0.6},
+    "noiseless, coarse, zero off": {"step": 1.0, "bias": -0.5},
     "late": {"late": 15, "noise": 0.01},
     "very late": {"late": 90, "noise": 0.01},
     "follows slowly": {"lag_s": 0.02, "noise": 0.01},
@@ -222,6 +225,20 @@ NAMED = {  # changed limits, what is shown, what is sent, ticks a sample; the fi
         lambda k: 92.0,
         1,
         (517, 520),
+    ),
+    "no torque after one large step, without noise": (
+        {},
+        lambda: lambda k, sent: sent if k < 500 else 0.0,
+        lambda k: 6.0 if k >= 200 else 0.0,
+        1,
+        (600, 612),  # 0.1 s and the limit of 10 ms
+    ),
+    "a constant torque that was sent long ago": (
+        {},
+        lambda: lambda k, sent: sent if k < 500 else 6.0,
+        lambda k: 6.0 if 200 <= k < 900 else -4.0 * (k >= 900),
+        1,
+        (900, 1112),  # what was sent before excuses it for up to 0.2 s
     ),
     "the fifth of few samples": ({}, lambda: deaf(300), lambda k: 3.0, 8, (304 + 4 * 8,) * 2),
     "noise, and a large torque": ({}, lambda: deaf(300, noise=0.3), lambda k: 3.2, 1, (301, 400)),
