@@ -120,11 +120,13 @@ def check_lift_path(body: RigidBody, start_rad: FloatArray, up_rad: FloatArray, 
         limits: limits of the guard.
 
     Raises:
-        InputError: the way comes nearer to the ground, or needs too much torque.
+        InputError: the arm would come closer to the ground on the way, or needs too much torque.
     """
     floor_m = lowest_m(body, [start_rad]) - MARGIN_M
     if not lowest_m(body, straight_path(start_rad, up_rad)) >= floor_m:
-        raise InputError("the way up from this pose first goes below it: raise the arm by hand")
+        raise InputError(
+            "on the way up from this pose, the arm would first sink below it: raise the arm by hand"
+        )
     move = JointMove(start_rad, up_rad, travel_speed_rad_s(limits), ACCELERATION_RAD_S2)
     motions = (move.at(time_s) for time_s in np.linspace(0.0, move.duration_s, _MOVE_POSTURES))
     joint = overloaded_joint(body, motions, limits)

@@ -198,7 +198,9 @@ def read_weighing(session: Session) -> Plateaus:
     """
     forces_n = {e.data["run"]: float(e.data["force_n"]) for e in session.events if e.kind == EVENT and e.data}
     if not forces_n:
-        raise InputError(f"{session.path}: holds no reference forces: not from palpate calibrate force")
+        raise InputError(
+            f"{session.path}: holds no reference forces; give a session of palpate calibrate force"
+        )
     ticks = session.samples("tick")
     fresh = ticks.select(ticks["force_status"] == Status.OK)
     pieces = [fresh["force_n"][fresh["run"] == run] for run in forces_n]

@@ -82,7 +82,7 @@ class StationaryRobot:
                     raise KeyboardInterrupt
 
     def await_samples(self) -> Measurement:
-        """Read until every device has a young sample; see `first_measurement`."""
+        """Read until every device has a recent sample; see `first_measurement`."""
         return first_measurement(self.robot, self.guard, self.clock, 1.0 / self.rate_hz)
 
     def settle(self, duration_s: float) -> None:

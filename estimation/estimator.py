@@ -91,7 +91,7 @@ def check_samples(name: str, *columns: FloatArray) -> None:
     """
     if len({len(column) for column in columns}) > 1:
         raise InputError(
-            f"{name}: {', '.join(str(len(column)) for column in columns)} samples; the numbers must be equal"
+            f"{name}: {', '.join(str(len(column)) for column in columns)} samples; give equal numbers"
         )
     if not all(np.isfinite(column).all() for column in columns):
         raise InputError(f"{name}: some samples are not finite; leave them out")

@@ -82,7 +82,7 @@ class Study(ModelStudy):
         context: further numeric columns to keep.
         fresh: whether each run pressed an object that was never pressed before; otherwise the data decide.
         runs: number of presses in a recording; None to detect it.
-        table: sheet, or line of the header, of another table than the file's longest.
+        table: sheet, or line of the header, of a table other than the file's longest.
         arm: arm of the channels: an `Arm`, or the path of a URDF whose tip is the link "tip", or else the
             last link.
         effects: your own effects: objects, or "my_effects.py:MyEffect".

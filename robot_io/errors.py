@@ -13,7 +13,7 @@ class InputError(PalpateError, ValueError):
 
 
 class UnknownNameError(InputError, KeyError):
-    """A name that a registry does not hold; also a `KeyError`, so that mappings behave as such."""
+    """A name that a registry does not contain; also a `KeyError`, so that mappings behave as usual."""
 
     __str__ = InputError.__str__  # KeyError would show the message in quotes
 

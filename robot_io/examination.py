@@ -49,7 +49,7 @@ fail = partial(Finding, level=Level.FAIL)
 
 
 def graded(subject: str, text: str, *problems: tuple[Level, object, str]) -> Finding:
-    """Make a finding with the first problem that holds; ok if no problem holds.
+    """Make a finding with the first problem whose condition is true; ok if there is none.
 
     Args:
         subject: checked item.

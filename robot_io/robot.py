@@ -68,7 +68,8 @@ class Robot(ManagedDevice):
     ) -> None:
         if encoder.joint_count != torque.joint_count:
             raise InputError(
-                f"{name}: the encoder has {encoder.joint_count} joints, the drives {torque.joint_count}"
+                f"{name}: the encoder has {encoder.joint_count} joints, but the drives "
+                f"have {torque.joint_count}"
             )
         self.encoder, self.torque, self.force = encoder, torque, force
         self.buses = dict(buses)
@@ -99,7 +100,7 @@ class Robot(ManagedDevice):
 
         Raises:
             DeviceError: a device is absent or not the expected model.
-            LifecycleError: the robot is configured already, or closed.
+            LifecycleError: the robot is already configured, or closed.
         """
         self._expect("configure", RobotState.NEW)
         start_all(self._components, "configure", undo="close")
@@ -210,7 +211,7 @@ class Robot(ManagedDevice):
         if self._state not in allowed:
             valid = " or ".join(state.value for state in allowed)
             raise LifecycleError(
-                f"{self.name}: {call} needs a robot that is {valid}, this is {self._state.value}"
+                f"{self.name}: {call} needs a robot that is {valid}, but this one is {self._state.value}"
             )
 
     def _poll(self, deadline_s: float) -> None:
@@ -292,6 +293,6 @@ def build_robot(
     if robot.joint_count != robot_file.joint_count:
         raise InputError(
             f"{robot_file.path}: the drives have {robot.joint_count} joints, "
-            f"home_rad has {robot_file.joint_count}"
+            f"but home_rad has {robot_file.joint_count}"
         )
     return robot

@@ -103,7 +103,7 @@ class RobotFile(FileModel):
 
     @property
     def text(self) -> str:
-        """The file as it was written, also if its data were replaced, as for emulated devices."""
+        """The file as it was written, even if its data were replaced, as for emulated devices."""
         return self._document.text
 
     @property
@@ -198,7 +198,7 @@ def _from_document(document: YamlDocument) -> RobotFile:
         (("rotor_inertia_kg_m2",), robot_file.rotor_inertia_kg_m2 or (0.0,) * count),
     ):
         if len(values) != count:
-            problem = f"has {len(values)} values, home_rad has {count}: one per joint"
+            problem = f"has {len(values)} values, but home_rad has {count}: give one per joint"
             raise input_error(robot_file.document, key_path, problem, list(values))
     for joint, inertia in enumerate(robot_file.rotor_inertia_kg_m2 or ()):
         largest = robot_file.limits.torque_nm[joint] / _SLOWEST_RAD_S2

@@ -68,7 +68,7 @@ class SimulatedBus(JointBus):
             scenario: new scenario.
 
         Raises:
-            LifecycleError: the world exists already.
+            LifecycleError: the world already exists.
         """
         if self._world is not None:
             raise LifecycleError("a scenario can only be chosen before the robot is configured")

@@ -147,7 +147,7 @@ def seal(session: str | Path, answer: SealedAnswer) -> Path:
         answer: answer to seal.
 
     Raises:
-        InputError: the file exists already, or cannot be written.
+        InputError: the file already exists, or cannot be written.
     """
     path = sealed_path(session)
     data = json.dumps(vars(answer) | {"hidden": [entry.describe() for entry in answer.hidden]})
@@ -156,7 +156,7 @@ def seal(session: str | Path, answer: SealedAnswer) -> Path:
             code = base64.encodebytes(zlib.compress(data.encode()))
             unfinished.write_bytes(f"{_TITLE}\n{_HOW}\n\n".encode() + code)
     except FileExistsError as error:
-        raise InputError(f"{path}: exists already, and a sealed answer never replaces a file") from error
+        raise InputError(f"{path}: already exists, and a sealed answer never replaces a file") from error
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror})") from error
     return path

@@ -82,7 +82,7 @@ class _LowPass:
         self._output: list[float] | None = None
 
     def filter(self, signal: Sequence[float]) -> list[float]:
-        """Compute the output after one more step h; the first call starts settled.
+        """Compute the output after one more step h; the first call starts in the steady state.
 
             y += (1 - exp(-2 pi f h)) (u - y),    exact for a constant input within the step
 
@@ -219,8 +219,9 @@ def quantize(values: Sequence[float], step: float) -> list[float]:
 class SimulatedEncoder(SampledSensor):
     """Samples positions and velocities of all joints; see `SampledSensor`.
 
-    The true signal is the n positions [rad] followed by the n velocities [rad/s], and so is a sample. Noise
-    is a tachometer's; a velocity by difference inherits the effects that are hidden in the positions.
+    The true signal is the n positions [rad] followed by the n velocities [rad/s], and a sample has the
+    same form. Noise is that of a tachometer; a velocity by difference inherits the effects that are hidden in
+    the positions.
 
     Args:
         settings: settings of the encoders.

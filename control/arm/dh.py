@@ -116,7 +116,7 @@ def check_dh_table(robot_file: RobotFile, body: RigidBody) -> None:
     path = robot_file.resolve(robot_file.dh)
     table = DhTable.load(path)
     if table.joint_count != body.joint_count:
-        raise InputError(f"{path}: has {table.joint_count} joints, the URDF has {body.joint_count}")
+        raise InputError(f"{path}: has {table.joint_count} joints, but the URDF has {body.joint_count}")
     low, high = robot_file.limits.position_min_rad, robot_file.limits.position_max_rad
     for position_rad in (np.array(robot_file.home_rad), *np.linspace(low, high, _POSTURES)):
         frame = table.tip_frame(position_rad)

@@ -18,7 +18,7 @@ from palpate.robot_io.guard import Guard
 from palpate.robot_io.robot import Robot
 from palpate.robot_io.types import Command, FloatArray, Measurement, Status
 
-FIRST_SAMPLE_S = 1.0  # longest wait for a first sample that is young enough
+FIRST_SAMPLE_S = 1.0  # longest wait for a first sample that is recent enough
 READ_SHARE = 0.6  # share of the period after which reading gives up, to leave time for the command
 
 
@@ -57,7 +57,7 @@ def run_loop(
 
     Raises:
         InputError: the rate is not positive.
-        SafetyTripError: the guard is tripped already.
+        SafetyTripError: the guard is already tripped.
         DeviceError: a device failed before the first tick, or had no sample within its age limit.
         Exception: any exception of the task's start, such as `InputError` for a target out of reach.
     """
@@ -79,7 +79,7 @@ def run_loop(
 
 
 def first_measurement(robot: Robot, guard: Guard, clock: Clock, period_s: float) -> Measurement:
-    """Read until every device has a sample that is young enough for the guard.
+    """Read until every device has a sample that is recent enough for the guard.
 
     Samples that were buffered since the devices were opened are old, and some devices send only on request.
 
@@ -90,7 +90,7 @@ def first_measurement(robot: Robot, guard: Guard, clock: Clock, period_s: float)
         period_s: time between reads [s].
 
     Raises:
-        DeviceTimeoutError: a device has no young sample within `FIRST_SAMPLE_S`; the error names it.
+        DeviceTimeoutError: a device has no recent sample within `FIRST_SAMPLE_S`; the error names it.
     """
     give_up_s = clock.now_s() + FIRST_SAMPLE_S
     while True:
@@ -100,7 +100,9 @@ def first_measurement(robot: Robot, guard: Guard, clock: Clock, period_s: float)
             return measurement
         if clock.now_s() >= give_up_s:
             silent = "; ".join([*problems, *robot.bus_errors.values(), *robot.bus_delays.values()])
-            raise DeviceTimeoutError(f"{robot.name}: no first samples within {FIRST_SAMPLE_S:g} s: {silent}")
+            raise DeviceTimeoutError(
+                f"{robot.name}: not all devices sent a sample within {FIRST_SAMPLE_S:g} s: {silent}"
+            )
         clock.sleep_until(clock.now_s() + period_s)
 
 

@@ -96,7 +96,7 @@ class StopHandler:
             self.guard.trip(f"stopped: {reason}")
 
     def fail(self, what: str, error: BaseException) -> None:
-        """Trip the guard for an exception, or log it if the guard is tripped already.
+        """Trip the guard for an exception, or log it if the guard is already tripped.
 
         Args:
             what: what failed, the beginning of the message.

@@ -76,7 +76,7 @@ class Profile:
             self._scale = 1.0 / float(np.abs(np.cos(self._phases + times * self._rates).sum(axis=1)).max())
 
     def at(self, time_s: float) -> tuple[float, float, float]:
-        """Compute the profile, not positive, its rate [1/s] and acceleration [1/s^2] at a time.
+        """Compute the profile (0 or less), its rate [1/s] and acceleration [1/s^2] at a time.
 
         Args:
             time_s: time since its start [s].

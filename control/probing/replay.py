@@ -69,7 +69,9 @@ class ReplayTask:
 
     def __init__(self, body: RigidBody, gains: Gains, references: ReferenceTrajectory) -> None:
         if references.joint_count != body.joint_count:
-            raise InputError(f"references of {references.joint_count} joints, the arm has {body.joint_count}")
+            raise InputError(
+                f"references of {references.joint_count} joints, but the arm has {body.joint_count}"
+            )
         self._body, self._references = body, references
         self._torque = ComputedTorque(body, gains.tracking)
         self._feedforward = gains.contact.force_feedforward

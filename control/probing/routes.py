@@ -154,8 +154,8 @@ class Routes:
                     joint = int((torque_nm / torque_limits_nm).argmax())
                     if torque_nm[joint] > torque_limits_nm[joint]:
                         raise InputError(
-                            f"{what} joint {joint + 1} would need {torque_nm[joint]:.3g} N m, its limit is "
-                            f"{torque_limits_nm[joint]:g} N m (limits.torque_nm): swing less far or more "
+                            f"{what} joint {joint + 1} would need {torque_nm[joint]:.3g} N m, but its limit "
+                            f"is {torque_limits_nm[joint]:g} N m (limits.torque_nm): swing less far or more "
                             "slowly, or lower joint_acceleration_rad_s2"
                         )
 

@@ -121,7 +121,7 @@ def probing_sites(
             if share[joint] > 1.0:
                 raise InputError(
                     f"{name} {speed_m_s:g} m/s: at target {number} joint {joint + 1} would move at "
-                    f"{abs(motion.velocity_rad_s[joint]):.3g} rad/s, the guard trips at "
+                    f"{abs(motion.velocity_rad_s[joint]):.3g} rad/s, but the guard trips at "
                     f"{velocity_limits_rad_s[joint]:g} rad/s (limits.velocity_rad_s); "
                     f"at most {speed_m_s / share[joint]:.2g} m/s"
                 )

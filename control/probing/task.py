@@ -301,8 +301,8 @@ class ProbingTask:
                     self._events.append(TaskEvent("probing_done", text, {"runs": self.runs_done}))
                 elif self._move_s > self._path.duration_s + self._plan.settle_s + _REST_WAIT_S:
                     raise SafetyTripError(
-                        f"after the return to the start, a joint still moves at {fastest_rad_s:.3g} "
-                        f"rad/s after {_REST_WAIT_S} s: the arm does not come to rest"
+                        f"{_REST_WAIT_S} s after the return to the start, a joint still moves at "
+                        f"{fastest_rad_s:.3g} rad/s: the arm does not come to rest"
                     )
         return output
 

@@ -68,7 +68,7 @@ _WINDOW = 64  # number of recent sequence numbers that are tracked individually
 
 
 class Arrival(StrEnum):
-    """Class of a frame; only a fresh one counts."""
+    """Class of a received frame; only fresh frames are processed."""
 
     FRESH = "fresh"
     LATE = "late"  # in transit for too long to be used

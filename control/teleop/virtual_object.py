@@ -74,7 +74,7 @@ class VirtualObject:
         normal = frozen_array(normal_world, (3,), what="normal of the surface")
         length = math.sqrt(float(normal.dot(normal)))
         if length == 0.0:
-            raise InputError("normal of the surface: it is zero")
+            raise InputError("normal of the surface: must not be zero")
         self._normal = normal / length
         self._law = law
         self._height_m = self._next_height_m = self._along_normal(point_world_m)

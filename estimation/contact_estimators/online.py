@@ -126,7 +126,7 @@ class IndirectAdaptive(OnlineContactLaw):
     def __init__(self, rate: float = 0.02, noise_n: float = 0.5) -> None:
         if not (0.0 < rate < 2.0 and noise_n >= 0.0):
             raise InputError(
-                f"indirect_adaptive: rate {rate} must be within 0 and 2, noise {noise_n} not negative"
+                f"indirect_adaptive: rate {rate} must be between 0 and 2, and noise {noise_n} at least 0"
             )
         self.rate, self.noise_n = rate, noise_n
         self.start()
@@ -262,7 +262,7 @@ class ReducedKalman(OnlineContactLaw):
     def __init__(self, exponent: float = 1.5, drift: float = 1e-5) -> None:
         if not exponent > 0.0 or drift < 0.0:
             raise InputError(
-                f"reduced_kalman: exponent {exponent} must be positive, drift {drift} not negative"
+                f"reduced_kalman: exponent {exponent} must be positive, and drift {drift} at least 0"
             )
         self.exponent, self.drift = exponent, drift
         self.start()
@@ -338,7 +338,7 @@ class RobustHuntCrossley(ContactEstimator):
         touching = depth_m > 0.0
         if np.count_nonzero(touching) < _MIN_SAMPLES:
             raise InputError(
-                f"{self.name}: {np.count_nonzero(touching)} samples in contact are too few, at least "
+                f"{self.name}: only {np.count_nonzero(touching)} samples are in contact; at least "
                 f"{_MIN_SAMPLES} are needed"
             )
         speed, force = speed_m_s[touching], force_n[touching]

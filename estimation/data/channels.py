@@ -161,7 +161,7 @@ def session_channels(
             if STREAM_NAME not in probing.stream_names:
                 raise InputError(f"{probing.path}: is not a probing session and cannot be joined with others")
             if probing.metadata.urdf != session.metadata.urdf:
-                by = f"was recorded with another arm than {session.path} (their URDFs differ)"
+                by = f"was not recorded with the arm of {session.path} (their URDFs differ)"
                 raise InputError(f"{probing.path}: {by}")
         ticks = join_ticks([checked_ticks(probing) for probing in (session, *more)])
         channels = (*contact_channels(ticks, tared=tared), *(joint_channels(ticks) if joints else ()))

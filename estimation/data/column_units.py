@@ -332,7 +332,7 @@ class ColumnUnits:
 
 
 def explain_numbers(options: str) -> str:
-    """Append to options what the numbers in their units mean.
+    """Append to options an explanation of the numbers in their units.
 
     Args:
         options: options as `ColumnUnits.missing` returns them.

@@ -75,7 +75,7 @@ def check_size(path: Path, size: int) -> None:
     """
     most = most_bytes(path)
     if size > most:
-        raise InputError(f"{path}: holds more than {most // 2**20} MiB, the limit; split it")
+        raise InputError(f"{path}: holds more than the limit of {most // 2**20} MiB; split it")
 
 
 def natural_key(path: Path) -> list[tuple[int, str]]:

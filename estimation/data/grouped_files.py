@@ -65,7 +65,7 @@ class _Hdf5Reader:
         self._members += 1
         if depth > _MAX_DEPTH or self._members > _MAX_MEMBERS:
             limit = f"{_MAX_DEPTH} levels of groups" if depth > _MAX_DEPTH else f"{_MAX_MEMBERS} arrays"
-            raise InputError(f"{self._path}: holds more than {limit}, the limit")
+            raise InputError(f"{self._path}: holds more than the limit of {limit}")
         if "MATLAB_object_decode" in item.attrs:
             return np.array(None)  # an object of MATLAB's own classes, whose encoding is not documented
         if isinstance(item, h5py.Group):

@@ -37,12 +37,12 @@ class ImportOptions:
             texts = [*pairs, *pairs.values()] if isinstance(pairs, Mapping) else [None]
             if not all(isinstance(text, str) for text in texts):
                 raise InputError(
-                    f"{name}={pairs!r}: give a dict of texts (numbers in quotes too), such as {example}"
+                    f"{name}={pairs!r}: give a dict of strings (numbers in quotes), such as {example}"
                 )
         if not (isinstance(self.context, tuple) and all(isinstance(text, str) for text in self.context)):
             raise InputError(f"context={self.context!r}: give a list of columns, such as ['temperature']")
         if not isinstance(self.fresh, bool):
-            raise InputError(f"fresh={self.fresh!r}: give a truth value, such as True")
+            raise InputError(f"fresh={self.fresh!r}: give True or False")
         if not (self.runs is None or (isinstance(self.runs, int) and self.runs > 0)):
             raise InputError(f"runs={self.runs!r}: give the number of presses, such as 4")
         if not isinstance(self.table, str):

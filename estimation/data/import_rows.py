@@ -80,8 +80,8 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
         )
     elif (added_s := float(np.max(times_s - columns.values(TIME)))) > 0.0:
         notes.append(
-            f"'{columns.name(TIME)}' falls as a counter of 32 bits does when it is full: it is continued, "
-            f"by {added_s:.9g} s in all"
+            f"'{columns.name(TIME)}' wraps around like a 32-bit counter: it is read as continuous, which "
+            f"adds {added_s:.9g} s in all"
         )
     is_repeated = np.abs(np.diff(time_s, prepend=-np.inf)) < MIN_INCREASE_S
     is_repeated[1:] &= np.diff(run[order]) == 0
@@ -138,7 +138,7 @@ def _detect_runs(
     restarts = int(recording[-1])
     run, presses = recording, 1
     if count is not None and not is_contact:
-        raise InputError(f"{place}: there is no contact to be cut into presses")
+        raise InputError(f"{place}: there is no contact to divide into presses")
     if count is not None and 1 < count <= restarts:
         times = "once" if restarts == 1 else f"{restarts} times"
         raise InputError(f"{place}: the clock restarts {times}, so there are at least {restarts + 1} runs")

@@ -62,7 +62,7 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
         dialect = find_dialect(content) or _raise_no_table(content, path)
     if (columns := max(len(table.names) for table in dialect.tables)) > _MAX_COLUMNS:
         raise InputError(
-            f"{path}: has {columns:,} columns, at most {_MAX_COLUMNS:,} are read; "
+            f"{path}: has {columns:,} columns, but at most {_MAX_COLUMNS:,} are read; "
             "keep those of time, motion and effort"
         )
     if not content[dialect.tables[0].start :][:_MAX_LINE_BYTES].strip():
@@ -296,7 +296,7 @@ def _raise_no_table(content: bytes, path: Path) -> TextDialect:
         remedy = f"write a unit in the name of its column, not behind numbers as in {with_unit[0]!r}"
     raise InputError(
         f"{path}: no line of column names above rows of numbers was found; the file begins with "
-        f"{' '.join(header.split())[:_SHOWN]!r}; {remedy}; if it is no measurement, leave it out"
+        f"{' '.join(header.split())[:_SHOWN]!r}; {remedy}; if it is not a measurement, leave it out"
     )
 
 

@@ -191,7 +191,7 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
     joints). It also contains signals of the tip: `contact_force` (n,), positive in compression, minus the
     reading in free air; `touching` (n,), 1 if contact is certain, else 0; and `press_direction_world` (n, 3).
 
-    Presses in another direction than the first press are excluded, with the samples around them. A surface
+    Presses in other directions than the first press are excluded, with the samples around them. A surface
     reacts along its normal, so the force can have at most one of the two directions.
 
     Args:

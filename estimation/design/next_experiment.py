@@ -88,7 +88,9 @@ _BY_SIGNAL: Mapping[str, str] = {
     "past motion": "hold still for longer, then repeat the motion at once",
     "time": f"repeat the same motion after a pause; {_UNLOADED}",
     "offset": _UNLOADED,
-    "rare events": "repeat the motion, then at half the speed: impacts become weaker, lost readings do not",
+    "rare events": (
+        "repeat the motion, then repeat it at half the speed: impacts become weaker, lost readings do not"
+    ),
     "run": "repeat the same motion, and see whether runs differ again",
     **dict.fromkeys(("position", "effort", "load"), "go further, slowly"),
     **dict.fromkeys(("direction", "acceleration", "joint position", "joint velocity"), _WIDER),

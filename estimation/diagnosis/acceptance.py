@@ -430,7 +430,7 @@ def _physical_alternatives(search: Search, fit: FitResult, name: str) -> Iterato
 def _with_weight(
     search: Search, partial: PartiallyLinear, fit: FitResult, measurement: MeasurementModel
 ) -> tuple[FitResult, list[FormTest]] | None:
-    """Replace a joint's spring or bias by its weight if the accepted effects then explain as much."""
+    """Replace a joint's spring or bias with its weight if the accepted effects then explain as much."""
     # The spring or bias is kept if the model with it leaves only noise, and the model with the weight more.
     base, only_noise = search.start.solution.held_out, SLOW * measurement_noise(search.start).value
     for name in search.added_effects(fit):
@@ -483,7 +483,7 @@ def _has_at_most(max_count: float, candidate: Candidate, fit: FitResult) -> bool
 def most_parsimonious(
     search: Search, fit: FitResult, measurement: MeasurementModel, is_complete: CompletenessTest
 ) -> FitResult:
-    """Replace each effect by an indistinguishable one with fewer parameters, or as many and a better fit.
+    """Replace each effect with an indistinguishable one with fewer parameters, or as many and a better fit.
 
     Of indistinguishable laws the simplest is preferred if the model remains complete (W. H. Jefferys, J. O.
     Berger, American Scientist 80 (1992)). An effect of the object or the drive is preferred to a sensor

@@ -86,7 +86,9 @@ def diagnose(
     channels = [data] if isinstance(data, ChannelData) else list(data)
     models = [model] * len(channels) if isinstance(model, Model) else list(model)
     if len(models) != len(channels):
-        raise InputError(f"{len(channels)} channels, but {len(models)} base models: give one, or one each")
+        raise InputError(
+            f"{len(channels)} channels, but {len(models)} base models: give one, or one per channel"
+        )
     library = effect_library() if effects is None else tuple(effects)
     channels = with_shared_gains(channels, models)
     seed = int(rng.integers(2**32))  # makes a channel's result independent of the other channels
@@ -153,7 +155,7 @@ def diagnose_channel(
     if may_be_rounding and (reason := _too_few_levels(search.start)):
         return insufficient_diagnosis(data, reason)
     if evidence.complete and not names and len(data) < _MIN_ADEQUATE:
-        reason = f"no effect is found missing, but {len(data)} samples would show only a large one"
+        reason = f"no missing effect was found, but {len(data)} samples would show only a large one"
         return insufficient_diagnosis(data, f"{reason}; record at least {_MIN_ADEQUATE}")
     return decide_verdict(evidence)
 

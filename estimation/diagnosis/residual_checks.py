@@ -212,8 +212,8 @@ def find_rare_events(end: FitResult, noise: MeasurementNoise) -> ResidualFinding
     if share < _PEAKED or is_noise:
         return None
     return ResidualFinding(
-        f"{100 * _FEW:.0f} % of the samples hold {100 * share:.0f} % of the squared error, as impacts, a "
-        "breakaway or lost readings cause; look at the effort at these times",
+        f"{100 * _FEW:.0f} % of the samples hold {100 * share:.0f} % of the squared error, as after "
+        "impacts, a breakaway or lost readings; look at the effort at these times",
         RARE_EVENTS,
     )
 

@@ -203,7 +203,7 @@ class Evidence:
     def confused_with_runs(self) -> Extrapolation | None:
         """Error of the base model beyond the motion of other runs, if differences between runs are named.
 
-        If only one run contains a motion, the data cannot tell its difference from a law of this motion.
+        If only one run contains a motion, the data cannot tell this difference from a law of this motion.
         """
         added = set(self.search.added_effects(self.end))
         differs = any(e.kind is Kind.RUN_DIFFERENCES for e in self.end.model.effects if e.name in added)

@@ -214,11 +214,11 @@ class JointSpring(AdditiveEffect):
         return np.column_stack([data.position, np.ones(len(data))])
 
     def describe_physics(self, parameters: Mapping[str, float]) -> str:
-        """See `Effect.describe_physics`: a spring of negative stiffness is active, or is no spring."""
+        """See `Effect.describe_physics`: a spring of negative stiffness is active, or is not a spring."""
         if parameters["k"] >= 0.0:
             return self.physics
         return (
-            "The stiffness is negative, so this is no passive spring. A raised weight pushes a joint away "
+            "The stiffness is negative, so this is not a passive spring. A raised weight pushes a joint away "
             "from one position. The command of a position controller, Kp (setpoint - q), looks the same if "
             "it is recorded as the effort."
         )

@@ -97,7 +97,7 @@ class GravityTilt(AdditiveEffect):
 
     name = "gravity_tilt"
     kind = Kind.GRAVITY_LOAD
-    physics = "Gravity pulls from another direction than the model assumes."
+    physics = "Gravity acts in a different direction than the model assumes."
     equation = "effort = sin(t) dg(q)/dtilt + (cos(t) - 1) g(q); for a pendulum t cos(q)"
     source = "W. Khalil, E. Dombre, Modeling, Identification and Control of Robots (2002), ch. 9"
     signature = "an error that depends only on posture, a quarter turn out of phase with gravity"
@@ -193,7 +193,7 @@ class Payload(AdditiveEffect):
         return data.context["payload_effort_per_kg"][:, None]
 
     def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
-        """See `Effect.is_misnamed`: a negative mass is no load, but links lighter than their URDF."""
+        """See `Effect.is_misnamed`: a negative mass means links lighter than their URDF, not a load."""
         return parameters[f"{self.name}.mass"] < 0.0
 
 

@@ -39,7 +39,7 @@ from palpate.estimation.workers import release_freed_memory
 from palpate.robot_io.errors import InputError
 
 _FitKey = tuple[ChannelKey, tuple[str, ...]]  # a channel with its base model, and the added effects
-_RECOVERS = "relaxation begins anew in each run, because the data then fit better"
+_RECOVERS = "relaxation restarts in each run, because the data then fit better"
 _MAX_FITS = 90  # size of the cache; the least recently used fits are dropped and computed again
 
 

@@ -87,7 +87,7 @@ class Revisions:
             return tuple(self._in_memory)
         if self._folder.is_symlink():
             raise InputError(
-                f"folder {self._folder}: is a symbolic link, which is not followed; replace it by a folder"
+                f"folder {self._folder}: is a symbolic link, which is not followed; replace it with a folder"
             )
         files = self._folder.glob("[0-9]*.json") if self._folder.is_dir() else ()
         numbered = [file for file in files if file.stem.isdecimal() and file.name == _name(int(file.stem))]

@@ -187,7 +187,7 @@ def clean_texts(content: Any) -> Any:  # noqa: ANN401, whatever JSON can hold
 
 
 def clean_text(text: str) -> str:
-    """Replace each nonprintable character by a question mark.
+    """Replace each nonprintable character with a question mark.
 
     Args:
         text: the text.

@@ -84,7 +84,7 @@ def with_ticks(session: Session) -> Session:
         return session
     opened = _open(session.path)
     if opened.metadata != session.metadata:
-        raise InputError(f"{session.path}: holds another session than before; start again")
+        raise InputError(f"{session.path}: holds a different session than before; start again")
     return opened
 
 

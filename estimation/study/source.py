@@ -252,7 +252,7 @@ def _source_of_import(name: str, imported: ImportedData, path: Path | None = Non
 def _source_of_file(path: Path, options: ImportOptions) -> DataSource:
     if path.is_dir() and (any(map(is_session, path.glob("*.mcap"))) or not (files := data_files(path))):
         if options != NO_OPTIONS:
-            raise InputError(f"{path}: is a folder of sessions; such options apply at import")
+            raise InputError(f"{path}: is a folder of sessions; omit the options for data files")
         from palpate.estimation.study import sessions  # noqa: PLC0415, needs the MCAP library
 
         (first, *more), channels = sessions.read_folder(path)

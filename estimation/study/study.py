@@ -320,7 +320,7 @@ class ModelStudy(StudyFits):
                 self._check_user_effects(parent)
                 if repeated := [name for name in effects if name in before]:
                     raise InputError(
-                        f"revision {parent.number} has {', '.join(repeated)} already: continue from one "
+                        f"revision {parent.number} already has {', '.join(repeated)}: continue from one "
                         "without it (--from, see palpate revisions), or start again (--fresh)"
                     )
             added = [*before, *effects]

@@ -102,7 +102,7 @@ def find_measurements(
         for file in listed:
             text = "/".join(file.parts[-1 - pattern.count("/") :])
             if (match := matcher.fullmatch(text)) is None:
-                raise InputError(f"--pattern '{pattern}': does not fit the file name {text}")
+                raise InputError(f"--pattern '{pattern}': does not match the file name {text}")
             listed[file] |= match.groupdict()
     if metadata is not None:
         _add_fields(existing_file(Path(metadata), "metadata table"), listed)
@@ -180,7 +180,7 @@ def _listed(place: str) -> dict[Path, dict[str, str]]:
     else:
         files = [Path(file) for file in glob.glob(place, recursive=True)]
         if not files:
-            raise InputError(f"{place}: no file has such a name")
+            raise InputError(f"{place}: no such file")
     return {file: {} for file in sorted(files, key=natural_key)}
 
 

@@ -189,7 +189,7 @@ def _check_types(words: Mapping[str, object], paths: Mapping[str, object], data:
     """Raise `InputError` if an argument given from Python is not a text or a path."""
     for name, value in words.items():
         if not isinstance(value, str | None):
-            raise InputError(f"{name}={value!r}: give a text, such as {name}={_EXAMPLES[name]!r}")
+            raise InputError(f"{name}={value!r}: give a string, such as {name}={_EXAMPLES[name]!r}")
     for name, value in paths.items():
         if not isinstance(value, str | Path | None):
             raise InputError(f"{name}={value!r}: give a path")

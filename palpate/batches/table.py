@@ -68,7 +68,9 @@ def field_names(measurements: Sequence[BatchMeasurement], group: str | None) -> 
     """
     fields = list(dict.fromkeys(name for each in measurements for name in each.fields))
     if taken := set(fields).intersection((*FIRST, *NUMBERS, *LAST)):
-        raise InputError(f"field '{min(taken)}': the table has a column of this name; rename the field")
+        raise InputError(
+            f"field '{min(taken)}': the table already has a column with this name; rename the field"
+        )
     if group is not None and group not in fields:
         raise InputError(f"--group {group}: no such field. Available: {', '.join(fields) or 'none'}")
     return fields

@@ -28,7 +28,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {  # module and one-line help, in the 
     "revisions": ("revisions", "List the saved models of a measurement."),
     "effects": ("effects", "Describe the effects that palpate knows, with equations and drawings."),
     "workbench": ("workbench", "Tick effects on a local web page and see how the fit changes."),
-    "report": ("export", "Write measurement, models and diagnosis to one HTML page."),
+    "report": ("export", "Write the measurement, its models and its diagnosis to one HTML page."),
     "export": ("export", "Export a model to a simulator or as a feedforward, or a stream as a table."),
     "reveal": ("sessions", "Show which effects were hidden in a simulated session."),
     "import": ("import_", "Import measurements from data files."),
@@ -38,7 +38,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {  # module and one-line help, in the 
     "batch": ("batch", "Estimate, compare and diagnose many recordings at once."),
     "trend": ("trend", "Find parameters that step or drift over time."),
     "teleop": ("teleop", "Teleoperate through a virtual object that is updated from the real one."),
-    "calibrate": ("calibrate", "Calibrate force sensor, encoders, drives and base."),
+    "calibrate": ("calibrate", "Calibrate the force sensor, encoders, drives and base."),
     "doctor": ("doctor", "Check this machine, and whether an arm matches its robot file."),
 }
 

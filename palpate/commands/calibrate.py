@@ -48,7 +48,7 @@ BEYOND_STOPS_RAD = 0.1  # an arm may be held against its stops, whose real posit
 SHARES = (0.0, 0.1, 0.25, 0.4, 0.55, 0.7, 0.55, 0.4, 0.25, 0.1, 0.0)
 
 group = command_group(
-    """Calibrate force sensor, encoders, drives and base.
+    """Calibrate the force sensor, encoders, drives and base.
 
 Each calibration writes one YAML file; name it in the robot file to correct all measurements and commands:
 
@@ -61,7 +61,7 @@ The arm moves under its guard. Ctrl-C brings it to rest, and no calibration is w
 
 
 _COLUMN = "Column of a role: reading, reference, or settled (0 in rows to ignore)."
-_WEIGHTS_KG = "Masses to put on the sensor, in this order, such as 0,1,2,4,2,1,0."
+_WEIGHTS_KG = "Masses to place on the sensor, in this order, such as 0,1,2,4,2,1,0."
 _REFERENCE_PERCENT = "Standard uncertainty that all references share."
 _READING_UNIT = "Unit of the readings, if the column's name does not end with it."
 _GRAVITY_M_S2 = "Gravitational acceleration at the site."
@@ -82,8 +82,8 @@ def force(
 ) -> None:
     """Calibrate scale, zero and curvature of the force sensor, from weights or a file; report hysteresis.
 
-    On the robot, put known weights on and take them off; the arm has no power, and the sensor's axis is
-    vertical.
+    On the robot, you place known weights on the sensor and remove them. The arm has no power, and the
+    sensor's axis must be vertical.
 
     With --from, reads a table (CSV, Parquet, NPZ) with one row per sample. It needs a column for the reading
     and a column for the reference.
@@ -100,7 +100,7 @@ def force(
             forces_n = [share * job.robot_file.limits.force_n for share in SHARES]
         else:
             raise InputError(
-                "--weights-kg: give the masses in their order on the sensor, such as 0,0.5,1,2,1,0.5,0"
+                "--weights-kg: give masses in the order in which you place them, such as 0,0.5,1,2,1,0.5,0"
             )
         place = runs.put_simulated_weight if job.simulated else ask_for_weight(gravity_m_s2)
         runs.run_weighing(job, forces_n, place)
@@ -134,7 +134,7 @@ def force(
 _POSE = "Pose in which the arm is held: 'home', or one angle per joint; nothing moves."
 _LOWER_STOPS = "Lower hard stops; default: the URDF's limits."
 _UPPER_STOPS = "Upper hard stops; default: the URDF's limits."
-_KNOWN_MRAD = "Standard uncertainty of stops or pose."
+_KNOWN_MRAD = "Standard uncertainty of the stops or the pose [mrad]."
 
 
 @group.command()
@@ -293,7 +293,7 @@ def ask_for_weight(gravity_m_s2: float) -> runs.Place:
         weight = f"{force_n / gravity_m_s2:.4g} kg ({force_n:.3f} N)"
         console.stderr().print(f"{number + 1}: put {weight} on the sensor, let it come to rest, press Enter")
         if not sys.stdin.readline():
-            words = "weights are put on by hand: run this in a terminal"
+            words = "weights are placed by hand: run this in a terminal"
             if number == 0:
                 raise InputError(words)
             raise PalpateError(f"no answer at weight {number + 1}: {words}")  # readings so far are kept

@@ -42,7 +42,7 @@ MOST_ASKED = 3  # largest number of unused columns to suggest
 _EXIT_CODE = "Exit code 10 if missing, else 11 if unexplained, else 12 if insufficient, else 0."
 _CHANNEL = f"Only this channel, such as joint_2; default: {ALL_CHANNELS}."
 _APPLY = "Add the missing effects, and save each step as a revision."
-_OUT = f"Write {RESULT}, report and more to this folder."
+_OUT = f"Write {RESULT}, a report and more to this folder."
 
 
 @takes_data

@@ -72,7 +72,7 @@ _FORM = (
     "C; or joints for MuJoCo, a URDF, Isaac Lab or BAM."
 )
 _PATCH = (
-    "MJCF, URDF (default: --urdf) or BAM parameter file to copy and complete; the original stays as it is."
+    "MJCF, URDF (default: --urdf) or BAM parameter file to copy and complete; the original is not changed."
 )
 _SERVO_GAIN = "Torque per goal error of the servos, for data with goal and position but no torque."
 _STREAM = "Write this stream or channel as a table instead, such as tick, events or contact."
@@ -191,7 +191,7 @@ def _export_scenario(
         try:
             comparison = study.comparison(study.channel_of(item), study.revision(item.number).effects)
         except InputError as error:  # for example, the code of a user's own effect was not given
-            console.warn(f"{item.channel}: whether the model fits was not checked: {error}")
+            console.warn(f"{item.channel}: it was not checked whether the model fits: {error}")
             continue
         if not comparison.fits:
             console.warn(
@@ -275,7 +275,7 @@ def report_command(
     force: Annotated[bool, Option("--force", help=_FORCE)] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write measurement, models and saved diagnosis to one self-contained HTML page.
+    """Write the measurement, its models and the saved diagnosis to one self-contained HTML page.
 
     Example:
       palpate report press.csv -o press.html

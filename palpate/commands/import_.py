@@ -66,7 +66,7 @@ def import_command(
         for file in inside:
             if is_session(file):
                 open_session(file)  # raises for a file that only has a session's name
-                raise InputError(f"{file}: is a session already; all commands read it directly")
+                raise InputError(f"{file}: is already a session; all commands read it directly")
         if not inside:
             raise InputError(f"{path}: is a folder without a data file")
         tables += inside

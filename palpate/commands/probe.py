@@ -70,7 +70,7 @@ def probe_command(
 ) -> None:
     """Probe an object: approach at several speeds, touch it, load to a force, hold, retract.
 
-    Without a robot file, this runs in simulation. The session file holds every tick.
+    Without a robot file, this runs in simulation. The session file records every control cycle (tick).
 
     A real arm gets power only after a confirmation (or --yes) and a countdown.
     """
@@ -219,8 +219,8 @@ def resolve_command(
     """Probe, diagnose and run the most informative experiment, until one explanation is left.
 
     After the first probe, each experiment is the feasible plan that is expected to separate the
-    explanations best. Decisions are printed and logged beside the sessions. Every command reads the
-    folder as one measurement. A real arm gets power only after a confirmation of each probe (or --yes).
+    explanations best. Decisions are printed and logged beside the sessions. Other commands accept
+    the folder as one measurement. A real arm gets power only after a confirmation of each probe (or --yes).
     Ctrl-C keeps the recorded data.
 
     Examples:

@@ -43,8 +43,8 @@ def add_command(
 ) -> None:
     """Add effects, refit, show how the held-out error falls, and save each step as a revision.
 
-    Continues from the newest revision, or from the one given by --from. Updates report and recording in the
-    revisions folder.
+    Continues from the newest revision, or from the one given by --from. Updates the report and the recording
+    in the revisions folder.
     """
     data.refuse_idle_force(out, force=force)
     folder = output_folder(folder_to_fill(data.file, out, NAMES, force=force))
@@ -87,7 +87,7 @@ def remove_command(
 ) -> None:
     """Remove an added effect from the newest model, refit, and save the result as a revision.
 
-    Updates report and recording in the revisions folder.
+    Updates the report and the recording in the revisions folder.
 
     Example:
       palpate remove press.csv bias

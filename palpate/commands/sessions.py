@@ -144,7 +144,7 @@ def _merged_streams(sessions: Sequence[Session]) -> list[Merged]:
         if session.metadata.urdf != first.metadata.urdf:
             if session.metadata.urdf and first.metadata.urdf:
                 raise InputError(
-                    f"{session.path}: was recorded with another arm than {first.path} (their URDFs differ)"
+                    f"{session.path}: was not recorded with the arm of {first.path} (their URDFs differ)"
                 )
             with_arm, without = ("", " not") if first.metadata.urdf else (" not", "")
             raise InputError(

@@ -251,9 +251,8 @@ def demo(
 ) -> None:
     """Run both sides as two processes on this machine, with a scripted operator; takes less than a minute.
 
-    The operator chooses two places and presses on a virtual object that is a guess at first. The last
-    line states the difference between the felt and the real force. Another line follows if the machine
-    was too slow.
+    The operator chooses two places and presses on a virtual object that is a guess at first. At the end,
+    it states the difference between the felt and the real force, and warns if the machine was too slow.
 
     Examples:
       palpate teleop demo --out teleop-demo

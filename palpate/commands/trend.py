@@ -50,8 +50,8 @@ def trend_command(
 ) -> None:
     """Find parameters that step or drift by more than their scatter, and report when and by how much.
 
-    Tests, in each group, every parameter, the ratio of error to noise, and the share of each kind of
-    effect in the error. If nothing changes, the probability of a false alarm in a whole table is 1 %.
+    In each group, tests every parameter, the ratio of error to noise, and the share of each kind of effect
+    in the error. If nothing changes, the probability of a false alarm in a whole table is 1 %.
     Writes trend.html beside the table.
 
     Examples:
@@ -61,7 +61,7 @@ def trend_command(
     """
     options = {"model": model, "pattern": pattern, "group": group, "add": add or []}
     if out is None and (given := [name for name, value in options.items() if value]):
-        raise InputError(f"--{given[0]}: applies to recordings, together with --out FOLDER")
+        raise InputError(f"--{given[0]}: applies only if recordings are processed; add --out FOLDER")
     seen: object = None
     while True:
         # names, sizes and times of the watched files, without the page that trend writes
@@ -113,7 +113,7 @@ def _update(  # noqa: PLR0917, what was typed
     available = list(dict.fromkeys(series.name for series in known))
     if unknown := set(names) - set(available):
         raise InputError(
-            f"--parameter {min(unknown)}: no such series of at least {LEAST} measurements. "
+            f"--parameter {min(unknown)}: no such series, or it has fewer than {LEAST} measurements. "
             f"Available: {', '.join(available) or 'none'}"
         )
     chosen = [series for series in known if not names or series.name in names]

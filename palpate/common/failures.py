@@ -196,7 +196,7 @@ def command_line_wording() -> Iterator[None]:
 
 
 def python_wording(text: str) -> str:
-    """Replace each command-line option by the equivalent keyword of `palpate.Study`.
+    """Replace each command-line option with the equivalent keyword of `palpate.Study`.
 
     Args:
         text: text of an error.

@@ -99,7 +99,7 @@ def output_file(
             raise InputError(f"output {path}: is the input; choose another name")
         if not force:
             remedy = "choose another name" + (", or add --force to replace it" if force is False else "")
-            raise InputError(f"output {path}: exists already; {remedy}")
+            raise InputError(f"output {path}: already exists; {remedy}")
         if not path.is_file():
             raise InputError(f"output {path}: is not a regular file, and is not replaced")
     if endings and path.suffix and path.suffix.lower() not in endings:

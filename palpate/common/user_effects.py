@@ -109,7 +109,9 @@ def _load_user_effect(text: str) -> Effect:
     """Load an effect that the user names on the command line."""
     file, _, name = text.rpartition(":")
     if not file or not name.isidentifier():
-        raise InputError(f"--effect {text!r}: give file and class, such as my_effects.py:MyEffect ({FORM})")
+        raise InputError(
+            f"--effect {text!r}: give a file and a class, such as my_effects.py:MyEffect ({FORM})"
+        )
     path = existing_file(Path(file), "effect file")
     spec = importlib.util.spec_from_file_location(f"palpate_user_effect_{path.stem}", path)
     if spec is None or spec.loader is None:
@@ -279,7 +281,7 @@ def try_effect(effect: Effect, data: ChannelData) -> bool | None:
     applies = effect.applies_to(data)
     if not isinstance(applies, bool | np.bool_):
         raise InputError(
-            f"effect '{effect.name}': applies_to gave {type(applies).__name__}, expected a bool"
+            f"effect '{effect.name}': applies_to returned {type(applies).__name__}, expected a bool"
             f"{place_of(type(effect), 'applies_to')}"
         )
     if not applies:
@@ -294,8 +296,8 @@ def try_effect(effect: Effect, data: ChannelData) -> bool | None:
             effect.simpler(_frozen(columns))
             if not np.array_equal(columns, effect.columns(data, inner)):
                 raise InputError(
-                    f"effect '{effect.name}': columns returns other values when called again; it must depend "
-                    f"only on the data and the inner parameters{place_of(type(effect), 'columns')}"
+                    f"effect '{effect.name}': columns returns different values when called again; it must "
+                    f"depend only on the data and the inner parameters{place_of(type(effect), 'columns')}"
                 )
             acts = any(np.any(effect.columns(data, start)) for start in starts)
         case MotionEffect():

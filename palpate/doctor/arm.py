@@ -111,9 +111,7 @@ def _set_up(check: ArmCheck, stack: ExitStack) -> tuple[Clock, RobotFile, ArmOpe
     if not is_simulated(check.robot_file):
         return MonotonicClock(), check.robot_file, ArmOperator()
     if check.move:
-        raise InputError(
-            f"--move: robot '{check.robot_file.name}' is simulated without devices: no hand can move it"
-        )
+        raise InputError(f"--move: robot '{check.robot_file.name}' has no devices that can be moved by hand")
     return SimulatedClock(), check.robot_file, ArmOperator()
 
 

@@ -129,7 +129,7 @@ def _force(robot_file: RobotFile) -> Finding:
     if not isinstance(capacity_n, int | float):
         return ok("force limit", f"{limit_n:g} N; the robot file does not state the sensor's range")
     remedy = "the sensor saturates first: lower force_n, or correct the capacity"
-    value = f"{limit_n:g} N, the sensor's range ends at {capacity_n:g} N"
+    value = f"{limit_n:g} N, but the sensor's range ends at {capacity_n:g} N"
     return graded("force limit", value, (_FAIL, limit_n >= capacity_n, remedy))
 
 

@@ -99,7 +99,7 @@ LAYOUT_ENDINGS = {PlotProgram.FOXGLOVE: ".json", PlotProgram.PLOTJUGGLER: ".xml"
 
 
 def layout_of(session: Session, program: PlotProgram) -> str:
-    """Return a viewer's layout as text. InputError: the session has nothing to plot.
+    """Return a viewer's layout as text; raise `InputError` if the session has nothing to plot.
 
     Args:
         session: session whose streams are shown.

@@ -85,7 +85,7 @@ def _unexplained_error(left: RemainingError, floor: NoiseFloor | None) -> str:
 def _dependence(signals: Sequence[str]) -> str:
     """State on which signals an error depends, or that few samples hold it; empty if nothing is known."""
     if RARE_EVENTS in signals:
-        return "comes from few samples, as impacts, a breakaway or lost readings do"
+        return "comes from a few samples, as with impacts, a breakaway or lost readings"
     return f"depends on {_join_names(signals)}" if signals else ""
 
 

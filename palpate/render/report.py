@@ -352,7 +352,7 @@ _GREEK = {"tau": "τ", "mu": "μ", "pi": "π", "alpha": "α", "beta": "β", "ome
 
 
 def write_report(view: StudyView, path: Path) -> Path:
-    """Write the report, completely or not at all. InputError: it cannot be written.
+    """Write the report, completely or not at all; raise `InputError` if it cannot be written.
 
     Args:
         view: all channels.

@@ -60,7 +60,7 @@ def open_recorded(path: Path, kind: str, robot_file: RobotFile) -> Session:
             f"session {path}: belongs to the robot '{recorded.name}', not '{robot_file.name}' (see --robot)"
         )
     if changed := first_difference(device_identity(recorded, kind), device_identity(robot_file, kind)):
-        raise InputError(f"session {path}: was recorded with another device: {changed}")
+        raise InputError(f"session {path}: was recorded with a different device: {changed}")
     if kind in parse_calibrations(session.metadata.calibration, f"{path}, its calibration").kinds:
         raise InputError(
             f"session {path}: its readings were already corrected by a calibration of kind '{kind}'; record "

@@ -232,11 +232,11 @@ class FollowingArm:
             The first measurement.
 
         Raises:
-            LifecycleError: the arm is running already.
+            LifecycleError: the arm is already running.
             PalpateError: a device could not be opened, or the arm was stopped; states the reason.
         """
         if self.running:
-            raise LifecycleError("the arm is running already")
+            raise LifecycleError("the arm is already running")
         self._line, child_line = Pipe()
         self._ended = None
         # In a new process session, Ctrl-C in the terminal reaches only the program, which then stops the arm.

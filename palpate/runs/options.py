@@ -170,7 +170,7 @@ def parse_joint_angles(option: str, text: str, robot_file: RobotFile) -> list[fl
     angles = parse_numbers(option, text)
     if len(angles) != robot_file.joint_count:
         raise InputError(
-            f"{option} {text!r}: {len(angles)} angles, the robot has {robot_file.joint_count} joints"
+            f"{option} {text!r}: {len(angles)} angles, but the robot has {robot_file.joint_count} joints"
         )
     return angles
 

@@ -134,7 +134,7 @@ class ResultStore:
         try:
             make_folder(folder)
         except OSError as error:
-            raise InputError(f"results folder {folder}: cannot be made ({error.strerror})") from error
+            raise InputError(f"results folder {folder}: cannot be created ({error.strerror})") from error
 
     def write(self, address: str, rows: Sequence[Row]) -> None:
         """Store the rows of one case.

@@ -39,7 +39,7 @@ class ReportSection:
 def write_page(
     folder: Path, title: str, summary: str, facts: Mapping[str, str], sections: Sequence[ReportSection]
 ) -> Path:
-    """Write all files; return the page. InputError: a file cannot be written.
+    """Write all files, and return the page; raise `InputError` if a file cannot be written.
 
     Args:
         folder: destination.
@@ -96,7 +96,7 @@ _WORDS = (
 def write_grid(
     folder: Path, title: str, grid: GridFile, rows: Sequence[Row], facts: Mapping[str, str]
 ) -> Path:
-    """Write figures, tables and page of a grid; return the page. InputError: a file cannot be written.
+    """Write figures, tables and page of a grid; return the page, or raise `InputError` on failure.
 
     Args:
         folder: destination.

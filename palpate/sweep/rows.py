@@ -56,7 +56,7 @@ def errors_of(rows: Iterable[Row], parameter: str) -> EstimationErrors:
 
 
 def column(rows: Sequence[Row], name: str) -> FloatArray:
-    """Return a column's values, shape (n,), NaN where missing. InputError: one is not a number.
+    """Return a column's values, shape (n,), NaN where missing; raise `InputError` if one is not a number.
 
     Args:
         rows: rows of any cases.

@@ -184,7 +184,7 @@ def run_one(case: Case, address: str, folder: Path) -> None:
             the case lacks an input.
     """
     if case.address != address:
-        raise PalpateError("a worker runs another version of palpate or of its libraries")
+        raise PalpateError("a worker runs a different version of palpate or of its libraries")
     case.check()
     begun_s = time.process_time()
     try:
@@ -230,7 +230,7 @@ def _run(cluster: Cluster, todo: dict[str, Case], store: ResultStore) -> Iterato
             if not is_there:
                 raise InputError(f"worker {worker}: cannot access {mark.parent}; use a shared disk for --out")
             if versions != ours:
-                raise InputError(f"worker {worker}: runs another version of palpate or of its libraries")
+                raise InputError(f"worker {worker}: runs a different version of palpate or of its libraries")
         waiting = iter(todo.items())
         stamp = uuid4().hex[:8]  # a task of an earlier client may still be running under its key
 

@@ -53,7 +53,7 @@ class TeleopDemo:
         """Describe the parts for which this machine was too slow; empty if it was fast enough."""
         clauses = self.merged.slowness()
         if self.ended_early:
-            clauses.append(f"the leader was ended after {_LIMIT_S:g} s, before the operator's script ended")
+            clauses.append(f"the leader was stopped after {_LIMIT_S:g} s, before the operator's script ended")
         if not clauses:
             return ""
         return (
@@ -126,7 +126,7 @@ def run_demo(folder: Path, real: Scenario, further: Sequence[str] = ()) -> Teleo
         further: further options of both sides.
 
     Raises:
-        InputError: a file exists already.
+        InputError: a file already exists.
         PalpateError: a side failed; its log states the reason.
     """
     output_folder(folder)

@@ -223,7 +223,7 @@ class TargetStates:
         """
         estimate = self.rendered
         if estimate is None:
-            return "virtual object: a guess, nothing was probed yet"
+            return "virtual object: a guess, because nothing has been probed yet"
         age = f", {age_s:.0f} s old" if isfinite(age_s) else ""
         away_m = _distance_m(estimate, tip_world_m)  # from the measured place, across the press direction
         away = f", {1e3 * away_m:.0f} mm away" if isfinite(away_m) else ""

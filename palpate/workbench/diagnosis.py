@@ -174,7 +174,7 @@ def score_riddle(truth: Set[str], guessed: Set[str], named: Set[str], alike: Set
         is_alike = bool(names) and names <= alike
         return "counts as right: these data cannot tell them apart" if is_alike else "wrong"
 
-    text = f"Hidden was {_listed(truth)}. You said {_listed(guessed)}: {rated(guessed)}. "
+    text = f"The hidden effect: {_listed(truth)}. You said {_listed(guessed)}: {rated(guessed)}. "
     text += f"The diagnosis said {_listed(named)}: {rated(named)}."
     if alike & truth and (others := alike - named):
         text += f" It adds that these data cannot tell this from {_listed(others, ' or ')}."

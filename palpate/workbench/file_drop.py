@@ -151,7 +151,9 @@ class FileDrop:
         """Store the file under its own name; return its path, and whether it is new."""
         name = Path(event.file.name).name
         if event.file.size() > MOST_BYTES:  # the browser rejects it, but other clients may send it
-            raise InputError(f"{name}: larger than {MOST_BYTES // 10**6} MB; open it by its name instead")
+            raise InputError(
+                f"{name}: larger than {MOST_BYTES // 10**6} MB; open it with palpate workbench FILE instead"
+            )
         folder, content = output_folder(DROPPED), await event.file.read()
         stem, dot, ending = name.partition(".")
         for number in range(1, 1000):

@@ -195,7 +195,9 @@ async def _ask_permission(force_n: float, arguments: list[str]) -> bool:
     of this machine can give it.
     """
     code, command = f"{secrets.randbelow(10**_CODE_DIGITS):0{_CODE_DIGITS}}", shlex.join(arguments)
-    console.stderr().print(f"the page asks to power the arm: {safe(command)}\nto allow it, type {code} there")
+    console.stderr().print(
+        f"the page asks to power the arm: {safe(command)}\nto allow it, type {code} on the page"
+    )
     with ui.dialog().props("persistent") as dialog, ui.card():
         ui.label(f"The arm will move and press with {force_n:g} N.").classes("text-bold")
         ui.label(

@@ -378,7 +378,7 @@ class PlotPanel:
             self._map.restyle(({"x": [x], "y": [y], "z": [z]}, [1]))
 
     def preview(self, effort: FloatArray) -> None:
-        """Draw another prediction than the fit's while a slider moves.
+        """Draw a prediction other than the fit's while a slider moves.
 
         Args:
             effort: predicted effort, shape (n,), in the effort's unit.

@@ -308,7 +308,7 @@ class WorkbenchState:
     def save_revisions(self) -> tuple[Revision, ...]:
         """Save the selected effects as revisions, as `palpate add --fresh` does, without held values."""
         if not self.choice.effects:
-            raise InputError("nothing is added yet: tick an effect first")
+            raise InputError("nothing has been added yet: tick an effect first")
         return self.study.add(*self.choice.effects, channel=self.choice.channel, fresh=True).revisions
 
     @property
@@ -433,7 +433,7 @@ TELLING = 0.05  # share of the error below which an effect has no influence
 def evidence_of(
     study: Study, channel: StudyChannel, base_effects: Sequence[str], effect: str
 ) -> EffectEvidence:
-    """Compute how one effect changes the error, given others. InputError: the selection cannot be fitted.
+    """Compute how one effect changes the error, given others; raise `InputError` if that cannot be fitted.
 
     Args:
         study: study with the fits.

@@ -31,7 +31,7 @@ _COLUMN = "Column of a quantity in the file, such as force_N=load, run=trial or 
 _UNIT = "Unit of a quantity or column, such as force=mN or time=ms."
 _WHERE = "Use only rows with this text in a column, such as specimen=P002; for a session, run=0,2."
 _FRESH_RUNS = "Each run pressed a fresh specimen or spot, so no run affects another."
-_TABLE = "Table to read: name of its sheet or line number of its header; default: the longest."
+_TABLE = "Table to read: the name of its sheet or the line number of its header; default: the longest."
 _CONTEXT = "Another numeric column to use as a signal."
 _RUNS = "Number of presses in a recording; default: detected."
 
@@ -88,7 +88,7 @@ class StudyOptions(ReadOptions):
 
 _FILE = "Session (.mcap), folder of sessions, or data file (.csv, .xlsx, .parquet, .npz ...)."
 _HELD_OUT = (
-    "Runs to exclude from fitting, such as 2,5; compare and add score models on these only. "
+    "Runs to exclude from fitting, such as 2,5; the commands compare and add score models only on these. "
     "Default: each run is predicted from the others."
 )
 

@@ -120,13 +120,13 @@ def resolve(  # noqa: PLR0917
         design: chooses the next probe from the study, its diagnosis, and the time that it may take [s].
 
     Raises:
-        InputError: the folder holds sessions already, or the job cannot be run.
+        InputError: the folder already holds sessions, or the job cannot be run.
         PalpateError: the arm was stopped, or a run gave no data; all sessions so far are kept.
         KeyboardInterrupt: the user stopped it; as above.
     """
     folder = job.session.parent
     if any(folder.glob("*.mcap")):
-        raise InputError(f"{folder}: holds sessions already; name a new folder, which palpate creates")
+        raise InputError(f"{folder}: already holds sessions; name a new folder, which palpate creates")
     output_folder(folder)
     decisions: list[ProbeDecision] = []
     shown: set[str] = set()  # channels in which something was missing so far

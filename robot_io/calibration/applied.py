@@ -265,16 +265,16 @@ def _reject_reason(
         (calibration.kind != kind, f"is a calibration of kind '{calibration.kind}'"),
         (
             calibration.robot != robot_file.name,
-            f"is for the robot '{calibration.robot:.60}', this is '{robot_file.name}'",
+            f"is for the robot '{calibration.robot:.60}', but this is '{robot_file.name}'",
         ),
-        (difference, f"is for another device: {difference}"),
+        (difference, f"is for a different device: {difference}"),
         (
             calibration.joint_count not in (None, robot_file.joint_count),
-            f"is for {calibration.joint_count} joints, the robot has {robot_file.joint_count}",
+            f"is for {calibration.joint_count} joints, but the robot has {robot_file.joint_count}",
         ),
         (
             calibration.urdf_sha256 not in (None, urdf_sha256(robot_file)),
-            f"was made with another URDF than '{robot_file.urdf}' is now; {remedy}",
+            f"was made with a different URDF from the present '{robot_file.urdf}'; {remedy}",
         ),
         (unit != "N", f"is for readings in {unit}, and the robot's driver gives N; {remedy}, on the robot"),
         (

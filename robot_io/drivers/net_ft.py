@@ -269,11 +269,11 @@ class NetFtLine(ForceLine):
         finally:
             connection.close()
         if answer.status != OK:
-            raise DeviceError(f"{where}: answers '{answer.status} {answer.reason}': is that a Net F/T?")
+            raise DeviceError(f"{where}: answers '{answer.status} {answer.reason}': is it a Net F/T sensor?")
         try:
             return parse_configuration(page)
         except ProtocolError as error:
-            raise DeviceError(f"{where}: is not a configuration of a Net F/T: {error}") from error
+            raise DeviceError(f"{where}: is not the configuration of a Net F/T sensor: {error}") from error
 
     def _close_port(self) -> None:
         if self._port is not None:

@@ -469,7 +469,7 @@ class OdriveBus(MotorBus):
             return ""
         return (
             f"exerts {abs(self._short_nm[joint]):.2f} of {abs(self._sent_nm[joint]):.2f} N m at the motor; "
-            "does something on it limit torques? As delivered, its velocity limiter does: "
+            "check whether a setting limits torques; the velocity limiter is on by default: "
             f"{odrive.ENABLE_VELOCITY_LIMIT} = False"
         )
 
@@ -479,7 +479,7 @@ class OdriveBus(MotorBus):
         beat = self._heartbeats[joint]
         silent_s = now_s - self._heartbeat_at_s[joint]
         if silent_s > self._heartbeat_timeout_s:
-            return f"heartbeat lost, the last came {silent_s:.2g} s ago"
+            return f"heartbeat lost; the last one came {silent_s:.2g} s ago"
         if beat is None or not (beat.axis_error or beat.component_errors):
             has_left = self._powered and beat is not None and beat.state is not AxisState.CLOSED_LOOP_CONTROL
             return f"left closed-loop control ({beat.state.name})" if has_left and beat else ""

@@ -233,7 +233,7 @@ def encode_command(node_id: int, command: OdriveCommand, *values: float) -> CanF
 
 
 def encode_input_torque(node_id: int, torque_nm: float) -> CanFrame:
-    """Command a motor torque [N m], which feeds the watchdog; raise `InputError` if it is no 32 bit float.
+    """Command a motor torque [N m], which feeds the watchdog; raise `InputError` if not a 32 bit float.
 
     Args:
         node_id: node id of the axis.

@@ -19,7 +19,7 @@ def max_unpacked_bytes(packed_bytes: int) -> int:
 
 
 def replace_undecodable(text: str) -> str:
-    """Replace the bytes of a file's name that are not UTF-8 by question marks.
+    """Replace the bytes of a file's name that are not UTF-8 with question marks.
 
     Args:
         text: text from a file's name.

@@ -179,7 +179,7 @@ def read_text(path: Path, max_bytes: int = MAX_TEXT_BYTES) -> str:
         ValueError: the file is a device or a pipe, is too large, or is not UTF-8.
     """
     if "\0" in str(path):
-        raise OSError(errno.EINVAL, "no file has such a name")
+        raise OSError(errno.EINVAL, "no file can have this name")
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise ValueError("a device or a pipe, not a file")
     with path.open("rb") as file:

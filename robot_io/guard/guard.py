@@ -58,7 +58,7 @@ class SafeStop:
 
         Args:
             measurement: measurement with valid joint positions and velocities.
-            trusted: for each joint whether its velocity can be braked against; else it counts as zero, shape
+            trusted: for each joint whether its velocity is usable for braking; else it counts as zero, shape
                 (n,).
             stopping_s: time since the trip [s].
             dt_s: time since the last tick [s].
@@ -164,7 +164,7 @@ class Guard:
         return self._finished
 
     def too_old(self, measurement: Measurement) -> tuple[str, ...]:
-        """Describe each device without a young enough sample, one line each; never trips.
+        """Describe each device without a recent enough sample, one line each; never trips.
 
         Args:
             measurement: measurement to check.
@@ -219,7 +219,7 @@ class Guard:
         return self._trip
 
     def limit(self, command: Command, measurement: Measurement, dt_s: float) -> Command:
-        """Limit a command, or replace it by the safe state once tripped; return what may be sent.
+        """Limit a command, or replace it with the safe state once tripped; return what may be sent.
 
         Trips on a command that is not finite. A measurement that was not checked yet is checked first.
 

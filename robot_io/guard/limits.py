@@ -57,7 +57,7 @@ class Limits(FileModel):
             count = len(getattr(self, name))
             if count != self.joint_count:
                 raise ValueError(
-                    f"{name} has {count} values, torque_nm has {self.joint_count}: one per joint"
+                    f"{name} has {count} values, but torque_nm has {self.joint_count}: give one per joint"
                 )
         ranges_rad = zip(self.position_min_rad, self.position_max_rad, strict=True)
         for joint, (low, high) in enumerate(ranges_rad, 1):
@@ -166,7 +166,7 @@ class LimitChecks:
         return None
 
     def too_old(self, measurement: Measurement) -> tuple[str, ...]:
-        """Describe each device without a young enough sample in one line, whatever the sample holds.
+        """Describe each device without a recent enough sample in one line, whatever the sample holds.
 
         Args:
             measurement: measurement to check.
@@ -180,7 +180,7 @@ class LimitChecks:
         return tuple(problem.text for problem in problems if problem)
 
     def motion_is_known(self, measurement: Measurement) -> bool:
-        """Return whether position and velocity are young, healthy and finite, wherever they are.
+        """Return whether position and velocity are recent, healthy and finite, wherever they are.
 
         Args:
             measurement: measurement to check.

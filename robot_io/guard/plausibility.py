@@ -1,6 +1,6 @@
 """Detection of frozen sensors and of drives that do not execute their commands.
 
-Frozen encoders. The reading of a joint at rest is constant too, also if friction holds the joint. An encoder
+Frozen encoders. The reading of a joint at rest is constant too, even if friction holds the joint. An encoder
 is **suspect** if its reading has not changed for some time, although the reference of its joint has moved by
 several encoder steps. Every trip then names the encoder, and its joint is not braked by its velocity until
 the reading changes. Friction makes working encoders suspect, so the weight is supported as usual. An encoder
@@ -103,7 +103,7 @@ class _Joint:
         return max(self.least_rad, _STEPS * self.step_rad) if known else self.unknown_rad
 
     def is_suspect(self, time_s: float, moved_rad: float) -> bool:
-        """Return whether a reading rests too long although a working encoder would have shown this motion.
+        """Return whether a reading stays constant although a working encoder would have shown this motion.
 
         Args:
             time_s: present time [s].

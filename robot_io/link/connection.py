@@ -215,7 +215,7 @@ class LinkConnection:
     def advice(self) -> str:
         """Return suggestions if nothing is received from the other side."""
         shared_option = "--port" if self._settings.config is None else "a --link that reaches this side"
-        advice = f"does a {_OTHER_ROLE[self.role]} run with the same --name and --key, and {shared_option}?"
+        advice = f"is a {_OTHER_ROLE[self.role]} running with the same --name and --key, and {shared_option}?"
         if not self._over_udp:
             return advice
         return (

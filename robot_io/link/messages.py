@@ -220,7 +220,9 @@ class Report:
         _check_length("target states", self.targets, MOST_TARGETS)
         _check_text("remark", self.remark)
         if len(self.states) != len(self.targets) or not _STATES.issuperset(self.states):
-            raise InputError(f"target states {self.states}: each of {self.targets} needs one known state")
+            raise InputError(
+                f"target states {self.states}: each target of {self.targets} needs exactly one valid state"
+            )
 
 
 @dataclass(frozen=True, slots=True)

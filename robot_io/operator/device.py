@@ -48,9 +48,9 @@ class OperatorDevice(ManagedDevice):
         self._is_open = self._is_active = False
 
     def configure(self) -> None:
-        """Open the device, without a force; raise `DeviceError` if it is absent or another model."""
+        """Open the device, without a force; raise `DeviceError` if it is absent or a different model."""
         if self._is_open:
-            raise LifecycleError(f"{self.name}: configured already")
+            raise LifecycleError(f"{self.name}: already configured")
         try:
             self._open()
         except BaseException:

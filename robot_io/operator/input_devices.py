@@ -279,7 +279,7 @@ class TouchDevice(OperatorDevice):
         state, oldest_s = self._state, self.settings.oldest_s
         if state is None or self._problem or self.clock.now_s() - state.sampled_at_s > oldest_s:
             raise DeviceError(
-                f"touch: no sample for {oldest_s:g} s, the device is gone{self._reason_suffix()}"
+                f"touch: no sample for {oldest_s:g} s: the device has disappeared{self._reason_suffix()}"
             )
         return state
 

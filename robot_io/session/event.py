@@ -113,7 +113,7 @@ def event_descriptor_set() -> bytes:
 def encode_event(event: Event) -> bytes:
     """Encode an event in protobuf with at most `MAX_EVENT_BYTES`; longer text is truncated and marked.
 
-    Numpy's numbers and arrays are kept as numbers and lists; other values that JSON does not know, as text.
+    Numpy's numbers and arrays are kept as numbers and lists; values that JSON cannot represent, as text.
 
     Args:
         event: to encode.

@@ -45,7 +45,7 @@ class Session:
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> "Session":
-        """Read a session file; raise `SessionError` if it is unreadable, another file, or damaged.
+        """Read a session file; raise `SessionError` if it is unreadable, damaged, or not a session.
 
         Args:
             path: path of the file.

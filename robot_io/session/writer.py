@@ -48,7 +48,7 @@ class SessionWriter:
 
     Raises:
         InputError: the streams cannot be in one session.
-        SessionError: the file exists already or cannot be written.
+        SessionError: the file already exists or cannot be written.
     """
 
     def __init__(
@@ -210,7 +210,7 @@ def new_session_path(path: str | os.PathLike[str]) -> Path:
 def _exists(path: Path) -> SessionError:
     if is_locked(path):
         return SessionError(f"{path} is being written by another program at this moment; choose another name")
-    return SessionError(f"{path} exists already; a session is never changed")
+    return SessionError(f"{path} already exists; a session is never changed")
 
 
 def write_session(
@@ -231,7 +231,7 @@ def write_session(
 
     Raises:
         InputError: the arrays do not fit their streams.
-        SessionError: the file exists already or cannot be written.
+        SessionError: the file already exists or cannot be written.
     """
     check_streams([stream for stream, _ in streams])
     tables: list[_Table] = []

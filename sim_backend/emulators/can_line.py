@@ -34,7 +34,7 @@ class EmulatedMotor(ABC):
 
     @property
     def shaft(self) -> JointState:
-        """Angle, speed and torque of its shaft as they are."""
+        """True angle, speed and torque of the shaft."""
         return self._at_shaft(self._plant.joints[self._joint])
 
     @property

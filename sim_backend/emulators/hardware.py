@@ -257,11 +257,11 @@ class PseudoTerminal:
             self._ends = self._ends[:1]
 
     def fileno(self) -> int:
-        """Return the file descriptor; -1 once closed, and while the other end is: it would seem readable."""
+        """Return the file descriptor; -1 while either end is closed, as it would seem readable."""
         return self._fd if self.in_use else -1
 
     def read(self) -> bytes:
-        """Return the bytes that the devices have understood, because they came at their baud rate."""
+        """Return the bytes that the devices understood, those sent at their baud rate."""
         if self._fd < 0:
             return b""
         data, self.in_use = b"", True

@@ -107,7 +107,7 @@ class HiddenQuadraticDamping(_MaterialImperfection):
 
 
 class HiddenContactOffset(ContactImperfection, MaterialEffect):
-    """The object feels x + d: its surface is higher by d than the scenario states.
+    """F = F(x + d): the surface is higher by d than the scenario states.
 
     The effect is visible only if the surface is assumed to be known. A probing run finds it by touch.
     """
@@ -147,7 +147,7 @@ class _StatefulContact(ContactEffect, Generic[Hidden, T]):
 
 
 class HiddenAdhesion(ContactImperfection):
-    """F -= A after touch, also above the surface until the neck of the bond tears.
+    """F -= A after touch, and above the surface until the neck of the bond tears.
 
     Above the surface the pull falls linearly from A to zero at the neck's length. Before touch there is
     no pull. A is the pull-off force of Derjaguin, Muller and Toporov, J. Colloid Interface Sci. 53
@@ -263,7 +263,7 @@ class _MaxwellBranch(_StatefulContact[tuple[float, float], tuple[float, float]],
 
 
 class HiddenPlasticSet(ContactImperfection):
-    """The surface sinks with the deepest indentation: the dent is s max(x), and the object feels x - dent.
+    """The surface sinks with the deepest indentation: the dent is s max(x), and F = F(x - dent).
 
     Loading for the first time is softer by 1 - s than unloading and loading again, which begin at the dent.
     Source: unloading after plastic contact, Johnson, "Contact Mechanics", 1985, sec. 6.4. With a
@@ -306,7 +306,7 @@ _RIGID_M_N = 1e-12  # compliance below which a tool is rigid
 
 
 class HiddenToolCompliance(ContactImperfection):
-    """A spring in series: the tool is compressed by u = C F, and the object feels the depth x - u.
+    """A spring in series: the tool is compressed by u = C F, and the object by x - u.
 
     Both springs carry the same force, which is solved for at each physics step.
     """

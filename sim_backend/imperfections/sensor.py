@@ -147,8 +147,8 @@ class _Mechanical(SensorImperfection):
 class HiddenHysteresis(_Mechanical):
     """y follows u with a play of +- w: lower by up to w while u rises, higher by up to w while it falls.
 
-    The play operator, of which Prandtl and Ishlinskii build all hysteresis; Brokate and Sprekels, "Hysteresis
-    and Phase Transitions", 1996.
+    The play operator, from which Prandtl and Ishlinskii build all hysteresis; Brokate and Sprekels,
+    "Hysteresis and Phase Transitions", 1996.
     """
 
     name = "hysteresis"
@@ -284,7 +284,7 @@ class HiddenGravityTilt(Imperfection, PlantEffect):
     """Gravity is rotated relative to the arm's base, g = R^T (0, 0, -9.81): the table is not level.
 
     R turns the base by `pitch_rad` about its y axis, x dipping, after `roll_rad` about its x axis. The object
-    is tilted with it. An arm that moves in the x-z plane feels pitch alone.
+    is tilted with it. An arm that moves in the x-z plane is affected only by the pitch.
     """
 
     name = "gravity_tilt"

@@ -167,7 +167,7 @@ def test_zeros_are_estimated_in_a_known_pose_without_power(tmp_path):
     assert not opened(job).samples("tick")["torque_sent_nm"].any()
     other = FOLLOWER.text.replace("driver: sim_encoder", "driver: sim_encoder, zero_rad: 0.1")
     assert other != FOLLOWER.text
-    with pytest.raises(InputError, match="recorded with another device: zero_rad was None"):
+    with pytest.raises(InputError, match="recorded with a different device: zero_rad was None"):
         open_recorded(job.session, "encoder", parse_robot_file(other, FOLLOWER.path))
 
 

@@ -77,7 +77,7 @@ def test_documented_tables_are_those_of_their_arms(robot):
     [
         ("a_m: 0.25", "a_m: 0.26", "10 mm from where the URDF puts 'tip'"),
         (r"fixed, alpha_rad: -1\.57\d*", "fixed, alpha_rad: -1.5", "turned against"),
-        (r"name: wrist, type: revolute", "name: wrist, type: fixed", "has 2 joints, the URDF has 3"),
+        (r"name: wrist, type: revolute", "name: wrist, type: fixed", "has 2 joints, but the URDF has 3"),
         ("a_m: 0.25", "a_mm: 250", "is not known"),
     ],
 )

@@ -181,7 +181,9 @@ def test_loop_waits_for_the_first_samples_with_the_torque_off():
 def test_sensor_without_samples_is_named_and_power_stays_off():
     arm = MockArm()
     arm.faults.silent.add("force")
-    with pytest.raises(DeviceTimeoutError, match="no first samples within 1 s: force sensor: no sample yet"):
+    with pytest.raises(
+        DeviceTimeoutError, match="not all devices sent a sample within 1 s: force sensor: no sample yet"
+    ):
         run_loop(arm.robot, arm.guard, SwingTask(), arm.clock, MemoryLog(), rate_hz=4.0)
     assert arm.clock.now_s() == 1.0
     assert arm.sent_nm == []

@@ -179,7 +179,7 @@ def test_moving_arm_is_not_released():
         return measurement._replace(joint_velocity_rad_s=measurement.joint_velocity_rad_s + creep)
 
     plant.measure = measure
-    with pytest.raises(SafetyTripError, match=r"still moves at 0.1 rad/s after 2.0 s"):
+    with pytest.raises(SafetyTripError, match=r"2.0 s after .* still moves at 0.1 rad/s"):
         run_probing(plant, task)
 
 

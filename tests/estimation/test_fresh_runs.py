@@ -46,7 +46,7 @@ def test_data_decide_whether_the_object_remembered(afresh, cubic_n_m3):
     study = ModelStudy(data)
     values = study.fit("contact", ["cubic_stiffness", "stress_relaxation"]).values
     assert values["stress_relaxation.tau"] == pytest.approx(TAU_S, rel=0.1)
-    assert ("relaxation begins anew in each run" in " ".join(study.notes)) == afresh
+    assert ("relaxation restarts in each run" in " ".join(study.notes)) == afresh
 
 
 def test_fresh_runs_keep_spread_times_and_need_relaxation():

@@ -287,7 +287,7 @@ def test_compressed_file_with_large_content_is_refused(tmp_path, monkeypatch):
     same = pa.DictionaryArray.from_arrays(np.zeros(2000, np.int32), pa.array(["x" * 1000]))
     pyarrow.parquet.write_table(pa.table({"a": same}), file, store_schema=False)
     assert file.stat().st_size < 20_000
-    assert "x.parquet: holds more than 0 MiB" in refusal(file)
+    assert "x.parquet: holds more than the limit of 0 MiB" in refusal(file)
 
 
 def test_fresh_runs_start_at_time_zero_and_keep_their_motion(contact, tmp_path):
@@ -729,7 +729,7 @@ def test_counter_that_overflows_is_continued(tmp_path):
     table = {"micros": micros, "angle_deg": ANGLE[:400], "torque_Nm": SWING["torque_Nm"][:400]}
     imported = import_file(write_csv(tmp_path / "joint.csv", table))
     np.testing.assert_allclose(np.diff(only(imported).time_s), 0.01, atol=1e-5)
-    assert "as a counter of 32 bits" in " ".join(imported.notes)
+    assert "like a 32-bit counter" in " ".join(imported.notes)
 
 
 @pytest.mark.parametrize("unit", ["s", "us"])

@@ -60,7 +60,7 @@ def test_model_of_the_newest_revision_is_the_default(tmp_path):
     (second,) = add(joint, tmp_path, "coulomb_friction")
     assert (second["model"], second["parent"]) == ("pendulum", first[-1]["number"])
     again = run("add", joint, "bias", "--out", tmp_path)
-    assert_refused(again, f"revision {second['number']} has bias already", "--from", "--fresh")
+    assert_refused(again, f"revision {second['number']} already has bias", "--from", "--fresh")
     assert add(joint, tmp_path, "bias", "--fresh")[-1]["model"] == "inertia"
 
 
@@ -86,7 +86,9 @@ def test_saved_user_effect_runs_only_on_request(hardening, tmp_path):
     assert_refused(run("add", hardening, "bias", "--out", tmp_path), "--effect", "Mine")
     (after,) = add(hardening, tmp_path, "bias", "--effect", place)
     assert after["effects"] == ["mine", "bias"]
-    assert "whether the model fits was not checked" in run("export", hardening, "--folder", tmp_path).stderr
+    assert (
+        "it was not checked whether the model fits" in run("export", hardening, "--folder", tmp_path).stderr
+    )
     for command in ("export", "revisions", "compare"):
         said = next_commands(run(command, hardening, "--folder", tmp_path))
         (again,) = [words for words in said if words[0] == "compare" and "--revision" in words]

@@ -164,7 +164,7 @@ def test_imported_file_becomes_an_object(tmp_path, monkeypatch):
     world = load_scenario(tmp_path / "world.yaml")
     assert world.object.law.stiffness_n_m == pytest.approx(400, rel=0.01)
     assert world.hidden[0].cubic_n_m3 == pytest.approx(2e6, rel=0.02)
-    assert_refused(run("export", data, "-o", tmp_path / "world.yaml"), "exists already")
+    assert_refused(run("export", data, "-o", tmp_path / "world.yaml"), "already exists")
     assert_refused(run("export", data, "-o", tmp_path / "world.html"), "must end in .yaml or .yml")
     assert_refused(run("report", data, "-o", tmp_path / "page.csv"), "must end in .html or .htm")
     assert not (tmp_path / "page.csv").exists()

@@ -56,7 +56,7 @@ def test_arm_follows_goals_up_to_its_limits_and_returns(tmp_path):
     with pytest.raises(LifecycleError, match="not running"):
         arm.measure()
     home = arm.start().joint_position_rad
-    with pytest.raises(LifecycleError, match="running already"):
+    with pytest.raises(LifecycleError, match="already running"):
         arm.start()
     beyond, limits = home + 0.1, find_robot("follower").limits
     beyond[2] = limits.position_max_rad[2] + 1.0

@@ -82,7 +82,7 @@ def test_no_planted_file_runs_in_both_sides_of_the_demo(planted, installed):
 def test_python_problem_is_reported():
     for version in ((3, 11), (3, 13), (3, 14)):
         assert preflight.python_problem(version) is None
-    assert "needs CPython 3.11 or newer, this is 3.10" in preflight.python_problem((3, 10))
+    assert "needs CPython 3.11 or newer, but this is 3.10" in preflight.python_problem((3, 10))
 
 
 def test_folder_deleted_during_a_run_is_reported(tmp_path, monkeypatch):

@@ -145,7 +145,7 @@ def test_missing_or_foreign_answer_is_refused(mystery, tmp_path):
 def test_existing_answer_file_is_preserved_and_probing_is_refused(tmp_path):
     (tmp_path / "user.mcap.sealed").write_text("precious")
     result = run("probe", "--hidden", "bias", "-o", tmp_path / "user.mcap", *SHORT)
-    assert_refused(result, "user.mcap.sealed: exists already")
+    assert_refused(result, "user.mcap.sealed: already exists")
     assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [
         ("user.mcap.sealed", "precious")
     ]
@@ -156,7 +156,7 @@ def test_existing_session_gets_no_other_answer(tmp_path, mystery):
     answer = sealed_path(mystery).read_text()
     job = ArmJob(find_robot("follower"), mystery)
     with (
-        pytest.raises(SessionError, match="exists already"),
+        pytest.raises(SessionError, match="already exists"),
         begin_session(job, 3, SessionMetadata(), load_scenario({"hidden": BIAS})),
     ):
         pass

@@ -55,7 +55,7 @@ def test_stored_command_can_be_repeated_and_the_default_folder_is_sessions(good,
     result = done("import", good)
     assert [words[0] for words in next_commands(result)] == ["estimate", "compare", "diagnose", "info"]
     assert (tmp_path / "sessions" / "good.mcap").is_file()
-    assert_refused(run("import", good), "exists already")
+    assert_refused(run("import", good), "already exists")
 
 
 def test_import_preview_as_json_lists_the_used_columns(good, tmp_path):
@@ -103,7 +103,7 @@ def test_bad_options_leave_nothing_behind(good, tmp_path, options, words):
 def test_unsupported_data_file_is_refused(tmp_path):
     assert_refused(run("import", tmp_path), "is a folder without a data file")
     assert_refused(run("import", tmp_path / "none.csv"), "no such file")
-    assert_refused(run("import", synthetic_session(tmp_path / "s.mcap"), "--look"), "is a session already")
+    assert_refused(run("import", synthetic_session(tmp_path / "s.mcap"), "--look"), "is already a session")
     (tmp_path / "empty.mcap").touch()
     assert_refused(run("import", tmp_path / "empty.mcap"), "not a palpate session")
     assert_refused(run("import", saved(tmp_path / "notes.pdf", b"%PDF")), "notes.pdf", ".csv")

@@ -112,7 +112,7 @@ def test_truncated_session_is_named(imported, tmp_path):
         (("A",), ("one session", "two or more")),
         (("A", "A"), ("given twice",)),
         (("A", "copy.mcap"), ("copy.mcap: is a copy of", "a.mcap; its runs would count")),
-        (("A", "ARM"), ("another arm",)),
+        (("A", "ARM"), ("not recorded with the arm of",)),
         (("A", "IMPORTED"), ("was not recorded with an arm, but", "a.mcap was;")),
         (("IMPORTED", "A"), ("a.mcap: was recorded with an arm, but", "was not;")),
         (("PLAIN", "WIDER"), ("stream 'extra' and that in", "differ in columns width")),

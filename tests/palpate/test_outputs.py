@@ -85,7 +85,7 @@ def test_existing_files_are_kept_without_confirmation(command, name, session, ha
     known = {"DATA": hardening, "SESSION": session}
     if "OTHER" in command:
         known["OTHER"] = cut(session, tmp_path / "other.mcap", 0.9)
-    assert_refused(run(*(known.get(one, one) for one in command), out), name, "exists already")
+    assert_refused(run(*(known.get(one, one) for one in command), out), name, "already exists")
     assert {file.name: file.read_text() for file in there.iterdir()} == {name: "precious"}
 
 
@@ -95,7 +95,7 @@ def test_report_replaces_its_own_page_alone(without_figures, hardening, tmp_path
         result = run("report", hardening, "--json")
         assert json.loads(result.stdout) == {"file": str(hardening), "report": "report.html"}
     Path("mine.html").write_text("<html>palpate</html>")
-    assert_refused(run("report", hardening, "-o", "mine.html"), "exists already", "--force")
+    assert_refused(run("report", hardening, "-o", "mine.html"), "already exists", "--force")
 
 
 def test_report_states_the_commands_that_repeat_it(without_figures, hardening, tmp_path, monkeypatch):
@@ -138,7 +138,7 @@ def test_plots_and_pictures_replace_neither_files_nor_each_other(session, tmp_pa
     page = folder / "plots.html"
     page.write_text("precious")
     asked = ("inspect", session, "--save", tmp_path / "x.rrd")
-    assert_refused(run(*asked, "--plots", folder), "plots.html", "exists already", "--force")
+    assert_refused(run(*asked, "--plots", folder), "plots.html", "already exists", "--force")
     assert page.read_text() == "precious"
     assert_refused(run(*asked, "--screenshot", tmp_path / "x.rrd"), "is given twice")
     assert_refused(run(*asked, "--plots", folder, "--screenshot", page, "--force"), "is given twice")
@@ -234,7 +234,7 @@ def test_concurrent_imports_into_one_file_keep_the_first(tmp_path):
         write_session(path, [(column, {"time_s": [1.0]})], SessionMetadata())
         yield Event(0.0, "remark", "written second")
 
-    with pytest.raises(SessionError, match="exists already"):
+    with pytest.raises(SessionError, match="already exists"):
         write_session(path, [(column, {"time_s": [2.0]})], SessionMetadata(), slow_columns())
     assert list(Session.open(path).samples("contact")["time_s"]) == [1.0]
     assert list(tmp_path.iterdir()) == [path]

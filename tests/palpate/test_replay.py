@@ -81,7 +81,7 @@ def test_real_arm_gets_no_power_without_a_question(recorded, tmp_path, monkeypat
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--robot", "leader"), ("another arm", "--robot")),
+        (("--robot", "leader"), ("a different arm", "--robot")),
         (("-o", "SESSION"), ("is the input",)),
         (("--scenario", "none.yaml"), ("none.yaml",)),
     ],
@@ -141,5 +141,5 @@ def test_invalid_references_are_refused(changes, words):
 def test_references_of_another_arm_are_refused():
     robot = find_robot("follower")
     body = RigidBody.from_urdf(robot.urdf_path, robot.tip_frame)
-    with pytest.raises(InputError, match="2 joints, the arm has 3"):
+    with pytest.raises(InputError, match="2 joints, but the arm has 3"):
         ReplayTask(body, Gains(), references(position_rad=np.zeros((5, 2)), velocity_rad_s=np.zeros((5, 2))))

@@ -69,7 +69,7 @@ def test_sessions_share_hidden_effects_with_own_noise_and_log_decisions(resolved
 
 def test_nothing_is_overwritten(resolved):
     before = {path: path.read_bytes() for path in resolved[0].folder.glob("*.mcap")}
-    assert_refused(run("resolve", "--out", resolved[0].folder), "holds sessions already")
+    assert_refused(run("resolve", "--out", resolved[0].folder), "already holds sessions")
     assert {path: path.read_bytes() for path in resolved[0].folder.glob("*.mcap")} == before
 
 
@@ -77,7 +77,7 @@ def test_sessions_of_different_arms_are_no_single_measurement(resolved, tmp_path
     for number, robot in enumerate(("follower", "leader")):
         job = ProbingJob(find_robot(robot), tmp_path / f"{number}.mcap", QUICK, seed=1, online=None)
         run_probing(job)
-    with pytest.raises(InputError, match="another arm"):
+    with pytest.raises(InputError, match="not recorded with the arm of"):
         Study(tmp_path)
 
 

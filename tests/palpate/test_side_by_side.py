@@ -343,5 +343,5 @@ def test_incomparable_measurements_are_refused(arguments, words, soft, stiff, tm
 
 def test_existing_file_is_not_replaced(soft, stiff, tmp_path):
     (tmp_path / "report.html").write_text("precious")
-    assert_refused(run("compare", soft, stiff, "--out", tmp_path), "report.html: exists already")
+    assert_refused(run("compare", soft, stiff, "--out", tmp_path), "report.html: already exists")
     assert [one.name for one in tmp_path.iterdir()] == ["report.html"]

@@ -173,7 +173,9 @@ class TestReading:
             tick(active)
 
     def test_reading_needs_a_configured_robot(self, robot):
-        with pytest.raises(LifecycleError, match="needs a robot that is configured or active, this is new"):
+        with pytest.raises(
+            LifecycleError, match="needs a robot that is configured or active, but this one is new"
+        ):
             robot.read(0.0)
 
 
@@ -208,7 +210,7 @@ class TestWriting:
 
     def test_writing_needs_an_active_robot(self, robot):
         robot.configure()
-        with pytest.raises(LifecycleError, match="needs a robot that is active, this is configured"):
+        with pytest.raises(LifecycleError, match="needs a robot that is active, but this one is configured"):
             robot.write(Command(np.zeros(3)), 1.0)
 
 
@@ -354,13 +356,13 @@ class TestBuilding:
 
     def test_encoder_and_drives_must_agree_about_the_joints(self, robot, bus, monkeypatch):
         monkeypatch.setattr(type(robot.encoder), "joint_count", 2)
-        with pytest.raises(InputError, match="the encoder has 2 joints, the drives 3"):
+        with pytest.raises(InputError, match="the encoder has 2 joints, but the drives have 3"):
             Robot(robot.encoder, robot.torque, robot.force, {"world": bus}, SimulatedClock(), "odd")
 
     def test_drives_must_fit_the_robot_file(self, robot, monkeypatch):
         monkeypatch.setattr(type(robot.encoder), "joint_count", 2)
         monkeypatch.setattr(type(robot.torque), "joint_count", 2)
-        with pytest.raises(InputError, match="the drives have 2 joints, home_rad has 3"):
+        with pytest.raises(InputError, match="the drives have 2 joints, but home_rad has 3"):
             build_mock_robot()
 
     def test_building_opens_nothing(self, bus):

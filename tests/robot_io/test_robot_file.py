@@ -62,7 +62,7 @@ def test_driver_settings_are_passed_on_unread_and_the_file_is_immutable():
         ({"control_rate_hz": "'1000'"}, " line 5, control_rate_hz: expected a number (is '1000')"),
         ({"encoder": "{driver: mock_encoder, bus: wrold}"}, "encoder.bus: is not in 'buses'. Valid: world"),
         ({"encoder": "{bus: world}"}, " line 8, encoder.driver: is missing"),
-        ({"home_rad": "[0, 0]"}, "limits.torque_nm: has 3 values, home_rad has 2"),
+        ({"home_rad": "[0, 0]"}, "limits.torque_nm: has 3 values, but home_rad has 2"),
         ({"home_rad": "[-1, 1, 9]"}, "entry 3: joint 3 is outside its position limits -2.6 to 2.8 (is 9.0)"),
         ({"torque_nm": "[1, 2, .nan]"}, "limits.torque_nm entry 3: input should be a finite number"),
         ({"torque_nm": "[1, 2, -3]"}, " line 13, limits.torque_nm entry 3: input should be greater than 0"),
@@ -74,7 +74,7 @@ def test_driver_settings_are_passed_on_unread_and_the_file_is_immutable():
         ({"tracking_rad": "[1, 1, 7]"}, "tracking_rad entry 3: input should be less than"),
         ({"force_n": "1e9"}, "limits.force_n: input should be less than"),
         ({"force_age_s": "1e308"}, "limits.force_age_s: input should be less than"),
-        ({"torque_rate_nm_s": "[1, 2]"}, "limits: torque_rate_nm_s has 2 values, torque_nm has 3"),
+        ({"torque_rate_nm_s": "[1, 2]"}, "limits: torque_rate_nm_s has 2 values, but torque_nm has 3"),
         ({"position_min_rad": "[1, 0, 0]"}, "limits: position_min_rad 1.0 is not below position_max_rad 0.4"),
         ({"position_min_rad": "[-2.6, 2.6, -2.6]"}, "limits: position_min_rad 2.6 is not below"),
         (

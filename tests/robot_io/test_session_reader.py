@@ -468,11 +468,11 @@ def test_writing_at_once_overwrites_nothing_and_respects_the_umask(tmp_path):
     (tmp_path / "plain").touch()
     assert stat.S_IMODE(path.stat().st_mode) == stat.S_IMODE((tmp_path / "plain").stat().st_mode)
     before = path.read_bytes()
-    with pytest.raises(SessionError, match="exists already"):
+    with pytest.raises(SessionError, match="already exists"):
         written(path, 3)
     assert path.read_bytes() == before
     late, columns = tmp_path / "late.mcap", {"time_s": np.zeros(1), "x": np.zeros(1)}
-    with pytest.raises(SessionError, match="exists already"):
+    with pytest.raises(SessionError, match="already exists"):
         write_session(late, [(SLOW, columns)], METADATA, progress=lambda _: late.write_bytes(b"another's"))
     assert late.read_bytes() == b"another's"
 

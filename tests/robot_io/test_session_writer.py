@@ -265,7 +265,7 @@ def test_full_disk_during_a_run_is_reported_at_the_end(tmp_path):
 
 @linux_only
 def test_full_disk_is_reported_at_the_start(tmp_path):
-    with pytest.raises(SessionError, match="exists already"):
+    with pytest.raises(SessionError, match="already exists"):
         SessionWriter("/dev/full", [TICK], METADATA)
     (tmp_path / "file").touch()
     with pytest.raises(SessionError, match="cannot be written"):
@@ -435,7 +435,7 @@ def test_only_one_program_can_create_a_session(tmp_path):
     assert_ticks(Session.open(path).samples("tick"), range(first, first + 40))
     assert not Session.open(path).truncated
     for words in said:
-        late = ("is being written by another program at this moment", "exists already; a session is never")
+        late = ("is being written by another program at this moment", "already exists; a session is never")
         assert not words or any(reason in words[0] for reason in late)
 
 
@@ -447,7 +447,7 @@ def test_session_being_written_is_locked_until_its_program_ends(tmp_path):
             SessionWriter(path, [TICK], METADATA)
         with pytest.raises(SessionError, match="is being written by another program at this moment"):
             write_session(path, [], METADATA)
-    with pytest.raises(SessionError, match="exists already; a session is never changed"):
+    with pytest.raises(SessionError, match="already exists; a session is never changed"):
         SessionWriter(path, [TICK], METADATA)
     assert_ticks(Session.open(path).samples("tick"), range(10))
     os.kill(pid(SessionWriter(tmp_path / "killed.mcap", [TICK], METADATA)), signal.SIGKILL)
@@ -471,7 +471,7 @@ def test_session_name_is_reserved_without_hard_links(tmp_path, monkeypatch):
         raise PermissionError(1, "no links")
 
     def begin_first(self, target):
-        with pytest.raises(SessionError, match="exists already"):
+        with pytest.raises(SessionError, match="already exists"):
             SessionWriter(target, [TICK], METADATA)
         return replace_file(self, target)
 

@@ -44,7 +44,7 @@ def test_sealed_file_tells_what_it_is_but_not_its_content(tmp_path):
 def test_second_answer_does_not_replace_the_first(tmp_path):
     session = tmp_path / "a.mcap"
     seal(session, SealedAnswer((), 1, MADE))
-    with pytest.raises(InputError, match=r"a\.mcap\.sealed: exists already"):
+    with pytest.raises(InputError, match=r"a\.mcap\.sealed: already exists"):
         seal(session, SealedAnswer((), 2, MADE))
     assert unseal(sealed_path(session)).seed == 1
 

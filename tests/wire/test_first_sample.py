@@ -67,7 +67,7 @@ def test_sensor_with_unparsable_lines_is_distinguished_from_a_silent_one(make_ro
     )
     arm = make_robot(ODRIVE, (("{driver: loadstar, bus: load_cell, capacity_n: 100.0}", as_other),))
     arm.robot.configure()
-    with pytest.raises(DeviceTimeoutError, match=r"\d+ lines or .* came, but no reading yet: .* pattern"):
+    with pytest.raises(DeviceTimeoutError, match=r"\d+ lines or .* arrived, but no reading yet: .* pattern"):
         begin(arm)
 
 

@@ -58,7 +58,7 @@ AT_CONFIGURING = [  # robot file, its changes, the second motor or servo 3, what
     # States end at four turns of the output.
     (
         *(ROBSTRIDE, [("motor_id: 2,", "motor_id: 2, zero_rad: 8.0,")], has()),
-        r"joint 2 .*: its mechPos is .* rad at the joint, its messages report",
+        r"joint 2 .*: its mechPos is .* rad at the joint, but its messages report",
     ),
     (MOTEUS, (), has(home=0), "joint 2 .motor 2.: has no reference for its position"),
     (MOTEUS, (), has(known=False), "joint 2 .motor 2.: does not know its position: no fault"),

@@ -101,7 +101,7 @@ def test_zeroing_is_confirmed_or_refused(make_robot, answer, refused):
         f"{answer}\r\n".encode() if data == b"CT0\r" else receive(data, now_s)
     )
     if refused:
-        with pytest.raises(DeviceError, match="does not know CT0"):
+        with pytest.raises(DeviceError, match="does not recognize CT0"):
             arm.robot.configure()
     else:
         arm.robot.configure()

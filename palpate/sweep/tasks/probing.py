@@ -200,7 +200,7 @@ def _probe(text: str, seed: int, engine: EngineName | None) -> tuple[Samples, Sc
 
 
 def world(parameters: Mapping[str, Any], seed: int) -> Scenario:
-    """Make the simulated world of a case. InputError: the parameters conflict.
+    """Make the simulated world of a case; raise `InputError` if the parameters conflict.
 
     Args:
         parameters: parameters of the case.

@@ -72,7 +72,7 @@ def decode_line(line: bytes) -> "can.Message":
     """
     match = _FRAME.fullmatch(line)
     if match is None:
-        raise ValueError(f"no frame: {line!r}")
+        raise ValueError(f"not a frame: {line!r}")
     kind, can_id = match["short"] or match["long"], match["short_id"] or match["long_id"]
     size, data = int(match["size"]), bytes.fromhex(match["data"].decode())
     is_remote = kind in b"rR"

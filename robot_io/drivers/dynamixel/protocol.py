@@ -67,7 +67,7 @@ _ALERT = 0x80
 
 _ERROR_NAMES = {
     1: "it failed to process the instruction",
-    2: "it does not know the instruction",
+    2: "it does not support the instruction",
     3: "the instruction arrived damaged",
     4: "the value is out of range",
     5: "the data is too short for the register",

@@ -1,4 +1,4 @@
-"""Setup of the servos of one bus, from the first ping to torque on and off; takes milliseconds."""
+"""Set up the servos of one Dynamixel bus, from the first ping to torque on and off."""
 
 import struct
 from collections.abc import Iterator, Sequence
@@ -154,7 +154,7 @@ class DynamixelAccess(RegisterAccess):
         super().__init__(protocol.DIALECT, port, clock)
 
     def servo_label(self, servo_id: int) -> tuple[int, int]:
-        """Read model number and firmware version of a servo. DeviceError: as for `ping`."""
+        """Read model number and firmware version of a servo; raise `DeviceError` as `ping` does."""
         data = self.ping(servo_id, protocol.PING_SIZE)
         return data[0] | data[1] << 8, data[2]
 

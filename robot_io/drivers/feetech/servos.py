@@ -1,4 +1,4 @@
-"""Setting up the servos of one Feetech bus, from the first ping to torque on and off."""
+"""Set up the servos of one Feetech bus, from the first ping to torque on and off."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -49,7 +49,7 @@ class ServoIdentity:
         nominal_v, (low_v, high_v) = self.servo.servo_model.voltage_v, self.voltage_limits_v
         is_near = abs(self.voltage_v - nominal_v) <= _VOLTAGE_SHARE * nominal_v
         if not (is_near and low_v <= self.voltage_v <= high_v):
-            return f"is supplied with {self.voltage_v:.1f} V, a {self.servo.model} needs {nominal_v:g} V"
+            return f"is supplied with {self.voltage_v:.1f} V, but {self.servo.model} needs {nominal_v:g} V"
         return self.servo.homing_problem(self.homing_offset)
 
 

@@ -1,1 +1,1 @@
-"""Motors in MIT mode (CubeMars AK, Damiao, Robstride and kin) on a CAN bus."""
+"""Motors in MIT mode (CubeMars AK, Damiao, Robstride and similar) on a CAN bus."""

@@ -142,7 +142,7 @@ class MitBus(PolledMotorBus[MitState]):
                 stated_rad = self._position_rad[joint]
                 if not abs(reported_rad - stated_rad) <= _SAME_POSITION_RAD:
                     problem = (
-                        f"its {register.name} is {reported_rad:.3f} rad at the joint, its messages report"
+                        f"its {register.name} is {reported_rad:.3f} rad at the joint, but its messages report"
                     )
                     remedy = "turn it back, or state its 'ranges'"
                     raise self._motor_error(joint, f"{problem} {stated_rad:.3f}: {remedy}")
@@ -165,7 +165,7 @@ class MitBus(PolledMotorBus[MitState]):
                 remedy = "remove the cause, then restart it"
                 findings.append(fail(label, self._error_names(error), remedy))
             else:
-                value = f"answers, at {self._position_rad[joint]:+.3f} rad; does not report its model, "
+                value = f"answers, at {self._position_rad[joint]:+.3f} rad; does not report its model; "
                 value += f"the robot file states {motor.model}; CAN timeout {self._settings.watchdog_s:g} s, "
                 findings.append(ok(label, value + f"{evidence} at activation"))
         return findings

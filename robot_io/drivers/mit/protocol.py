@@ -98,7 +98,7 @@ TIMEOUT_STEP_S: Final = 50e-6
 
 
 class MotorCommand(StrEnum):
-    """Commands other than torques; only motors of Damiao and Robstride know `CLEAR`."""
+    """Commands other than torques; only motors of Damiao and Robstride support `CLEAR`."""
 
     ENTER = "enter motor mode"
     LEAVE = "leave motor mode"
@@ -251,9 +251,9 @@ class MitFrames:
         """
         data = frame.data
         if not self.is_about_register(frame, motor_id) or data[2] != READ:
-            raise ProtocolError(f"no answer from motor {motor_id} about a register: {data.hex(' ')}")
+            raise ProtocolError(f"not an answer of motor {motor_id} with a register: {data.hex(' ')}")
         if data[3] != register.number:
-            raise ProtocolError(f"the answer is about register {data[3]} instead of {register.number}")
+            raise ProtocolError(f"the answer holds register {data[3]} instead of {register.number}")
         (value,) = struct.unpack(register.format, data[4:])
         return float(value)
 

@@ -91,7 +91,7 @@ def decode_frame(frame: bytes) -> BotaSample:
         frame: received frame, with header and CRC.
     """
     if len(frame) != FRAME_SIZE or frame[0] != _HEADER:
-        raise ProtocolError(f"no frame: {frame[:40]!r}")
+        raise ProtocolError(f"not a frame: {frame[:40]!r}")
     if crc16(frame[1:-2]) != frame[-2] | frame[-1] << 8:
         raise ProtocolError("CRC mismatch")
     status, *forces, time_us, temperature_c = _DATA.unpack(frame[1:-2])

@@ -244,7 +244,7 @@ class Loadstar(SerialForceSensor, Examinable):
         if answer is None:
             raise self._error(f"no answer to {question.decode().strip()}")
         if answer == NO:
-            raise self._error(f"the interface does not know {question.decode().strip()}")
+            raise self._error(f"the interface does not recognize {question.decode().strip()}")
         return answer
 
 
@@ -268,7 +268,7 @@ def parse_reading(line: str) -> tuple[str, str]:
     """
     match = _READING.fullmatch(line)
     if match is None:
-        raise ProtocolError(f"no reading: '{line[:40]}'")
+        raise ProtocolError(f"not a reading: '{line[:40]}'")
     return match[1], match[2]
 
 

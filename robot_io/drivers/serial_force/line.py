@@ -346,8 +346,8 @@ class ForceLine(Bus):
         if self.sample is None:
             if reader.rejected:
                 raise DeviceTimeoutError(
-                    f"{self.label}: {reader.rejected} lines or telegrams came, but no reading yet: do "
-                    "driver, baud rate, pattern and unit fit the sensor?"
+                    f"{self.label}: {reader.rejected} lines or telegrams arrived, but no reading "
+                    "yet: check that driver, baud rate, pattern and unit match the sensor"
                 )
             return
         age_s = self._clock.now_s() - self.sample.arrived_at_s

@@ -272,7 +272,7 @@ class Lorenz(SerialForceSensor, Examinable):
     _settings: LorenzSettings
 
     def configure(self) -> None:
-        """Identify the sensor and start the stream; raise `DeviceError` if it is silent or another one."""
+        """Identify the sensor and start the stream; raise `DeviceError` if it is silent or differs."""
         settings = self._settings
         self._bus.write(STOP_STREAM)
         # Ask up to twice: the end of a stream may have damaged the first telegram after it.

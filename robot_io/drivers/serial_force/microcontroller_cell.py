@@ -61,7 +61,7 @@ def parse_sample(line: bytes) -> tuple[int, int]:
         or int(match[1]) >= _COUNTERS
         or not -LARGEST_COUNTS - 1 <= int(match[2]) <= LARGEST_COUNTS
     ):
-        raise ProtocolError(f"no sample: {line[:40]!r}")
+        raise ProtocolError(f"not a sample: {line[:40]!r}")
     return int(match[1]), int(match[2])
 
 
@@ -156,7 +156,7 @@ class MicrocontrollerCell(SerialForceSensor, Examinable):
         rate_hz = int(rate)
         if rate_hz != settings.rate_hz:
             raise self._error(
-                f"the {chip} delivers {rate_hz} samples/s, the robot file states {settings.rate_hz}"
+                f"the {chip} delivers {rate_hz} samples/s, but the robot file states {settings.rate_hz}"
             )
         self._identified = (
             f"{chip}, {rate_hz} samples/s, load cell of {settings.capacity_n:.4g} N according to the robot "

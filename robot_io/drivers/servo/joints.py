@@ -90,7 +90,7 @@ class ServoMounting(FileModel):
         return " or ".join(names) or f"model number {number}"
 
     def refuse_other_model(self, number: int) -> None:
-        """Raise a `DeviceError` if a servo has another model number than this model.
+        """Raise a `DeviceError` if the model number of a servo is not that of this model.
 
         Args:
             number: model number in the answer of the servo.
@@ -262,7 +262,7 @@ class ServoPairs:
         findings = []
         ahead_rad = self._ahead_rad(position_rad)
         for label, ahead, zero_rad in zip(self._labels, ahead_rad, self._second_zeros_rad, strict=True):
-            value = f"stand {abs(ahead):.4f} rad apart, pair_tolerance_rad is {self._tolerance_rad:g}"
+            value = f"stand {abs(ahead):.4f} rad apart; pair_tolerance_rad is {self._tolerance_rad:g}"
             agreeing_rad = zero_rad - ahead
             remedy = f"check horns and 'reversed'; if right, zero_rad of the second is {agreeing_rad:.4f}"
             agree = abs(ahead) <= self._tolerance_rad
@@ -278,7 +278,7 @@ class ServoPairs:
         for label, ahead_rad in zip(self._labels, self._ahead_rad(position_rad), strict=True):
             if not abs(ahead_rad) <= self._tolerance_rad:
                 return (
-                    f"{label} stand {abs(ahead_rad):.3f} rad apart, pair_tolerance_rad is "
+                    f"{label} stand {abs(ahead_rad):.3f} rad apart, but pair_tolerance_rad is "
                     f"{self._tolerance_rad:g}: has a horn slipped, or is zero_rad or reversed wrong?"
                 )
         return None

@@ -401,7 +401,7 @@ def _ids_answering_at(line: ServoLine, baud_rate: int) -> list[int]:
     try:
         port.open()
         return sorted(+_ping_all(line, port).answers)
-    except DeviceError:  # the adapter does not know this rate
+    except DeviceError:  # the adapter does not support this rate
         return []
     finally:
         port.close()

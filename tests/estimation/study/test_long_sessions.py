@@ -32,5 +32,5 @@ def test_ticks_are_read_again_from_the_same_session_only(tmp_path):
     assert "run" in with_ticks(light).samples("tick")
     path.unlink()
     synthetic_session(path, seed=8)
-    with pytest.raises(InputError, match="another session"):
+    with pytest.raises(InputError, match="a different session"):
         with_ticks(light)

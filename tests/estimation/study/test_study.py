@@ -162,7 +162,7 @@ def test_adding_continues_the_newest_revision_and_removing_reverts():
         (["bias", "bias"], {}, "more than once"),
         (["bias"], {"start": 3}, "no revision 3"),
         (["bias"], {"start": 0, "fresh": True}, "--fresh and --from 0: give only one"),
-        (["bias"], {"start": 1}, "revision 1 has bias already"),
+        (["bias"], {"start": 1}, "revision 1 already has bias"),
     ],
 )
 def test_invalid_effects_are_refused_and_nothing_is_saved(effects, how, words):

@@ -407,9 +407,9 @@ def test_folder_with_other_files_is_refused(specimens):
     ("options", "words"),
     [
         ({"places": ["nowhere"]}, "nowhere: no such file"),
-        ({"places": ["x/*.csv"]}, "no file has such a name"),
+        ({"places": ["x/*.csv"]}, "no such file"),
         ({"pattern": "{a}_{a}.csv"}, "use each field once"),
-        ({"pattern": "{a}-{b}.csv"}, "does not fit the file name s0"),
+        ({"pattern": "{a}-{b}.csv"}, "does not match the file name s0"),
         ({"join": "animal"}, "no such field. Available: none"),
         ({"split": "animal"}, "no such column. Available: time_s"),
     ],

@@ -342,7 +342,7 @@ def test_recordings_folder_is_followed(tmp_path):
     assert (change["kind"], change["first"]) == ("step", DAYS[8].isoformat())
     assert "dry_friction.force [N]" in (out / "table.csv").read_text().splitlines()[0]
     refused = run("trend", out, "--add", "dry_friction")
-    assert_refused(refused, "--add: applies to recordings, together with --out")
+    assert_refused(refused, "--add: applies only if recordings are processed; add --out")
 
 
 def read_json(stream):

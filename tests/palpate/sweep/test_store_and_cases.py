@@ -72,7 +72,7 @@ def test_physics_change_changes_the_address(tmp_path, monkeypatch):
 def test_worker_with_other_code_gives_no_result(tmp_path):
     """One that has joined a scheduler later; its own address of the case is another."""
     store = ResultStore(tmp_path)
-    with pytest.raises(PalpateError, match="runs another version of palpate"):
+    with pytest.raises(PalpateError, match="runs a different version of palpate"):
         run_one(BASE, Case(BASE.task, BASE.parameters, 7).address, tmp_path)
     assert store.finished() == set()
 
@@ -129,7 +129,7 @@ def test_folder_with_other_files_is_refused_and_one_with_results_is_not(tmp_path
     (tmp_path / "out" / "notes.txt").touch()
     with pytest.raises(InputError, match="out: holds other files; choose another"):
         refuse_other_files(tmp_path / "out")
-    with pytest.raises(InputError, match=r"results folder .*notes\.txt/results: cannot be made"):
+    with pytest.raises(InputError, match=r"results folder .*notes\.txt/results: cannot be created"):
         ResultStore(tmp_path / "out" / "notes.txt" / "results")
     ResultStore(tmp_path / "out" / "results")
     refuse_other_files(tmp_path / "out")
@@ -414,7 +414,7 @@ def test_scheduler_gets_a_few_cases_at_a_time_and_all_results_arrive(tmp_path, m
         ({"workers": None}, "scheduler tcp://s: does not answer"),
         ({"workers": 0}, "scheduler tcp://s: has no workers; start one with: dask worker"),
         ({"sees_folder": False}, "worker tcp://w: cannot access .*; use a shared disk for --out"),
-        ({"code": ["other"]}, "worker tcp://w: runs another version of palpate"),
+        ({"code": ["other"]}, "worker tcp://w: runs a different version of palpate"),
         ({"lost_after": 0}, "the scheduler tcp://s was lost; finished cases are kept"),
     ],
 )

@@ -498,7 +498,7 @@ def test_cursors_read_the_curves_and_runs_are_chosen(opened, browser, state):
 def test_kept_revisions_are_listed_and_shown_again(opened, browser, state):
     async def work(page):
         await browser.press("Keep")
-        assert browser.said == ["nothing is added yet: tick an effect first"]
+        assert browser.said == ["nothing has been added yet: tick an effect first"]
         assert "no revisions yet" in browser.texts()
         await page.add(["cubic_stiffness"])
         await page.add(["cubic_stiffness"])

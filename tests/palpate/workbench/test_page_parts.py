@@ -568,7 +568,7 @@ def test_riddle_opens_the_answer_only_after_a_diagnosis(browser, tmp_path, monke
         assert browser.marked("guess").enabled
         said = browser.marked("score").text
         expected = {None: "stopped: the sealed answer was not opened", "spoilt": "the answer is damaged"}
-        words = f"Hidden was {hidden}. You said bias: wrong. The diagnosis said lag: {rated}"
+        words = f"The hidden effect: {hidden}. You said bias: wrong. The diagnosis said lag: {rated}"
         assert said.startswith(expected.get(hidden, words))
         assert "Riddle" in [each.text for each in browser.all() if each.tag == "h2"]
         assert any("Tick effects until" in text for text in browser.texts())

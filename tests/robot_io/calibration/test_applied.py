@@ -77,7 +77,7 @@ def test_robot_file_is_never_built_without_its_calibrations(tmp_path):
         ("force", {"robot": "other"}, ("'other'", "this is")),
         ("force", {"device": {"driver": "loadstar", "capacity_n": 100.0}}, ("loadstar", "mock_force")),
         ("force", {"reading_unit": "count"}, ("count",)),
-        ("torque", {"urdf_sha256": "1" * 64}, ("another URDF", "palpate calibrate torque")),
+        ("torque", {"urdf_sha256": "1" * 64}, ("a different URDF", "palpate calibrate torque")),
     ],
 )
 def test_foreign_calibration_is_refused(tmp_path, kind, change, words):
@@ -206,7 +206,7 @@ def test_expired_or_mismatched_calibration_is_refused(tmp_path):
         load_calibrations(robot_file, NOW)
     two = {"offset": {"value": [0.1, 0.2], "std_err": [0.1, 0.1], "unit": "rad"}}
     robot_file = robot_with(tmp_path, "encoder", values=two)
-    with pytest.raises(InputError, match="2 joints, the robot has 3"):
+    with pytest.raises(InputError, match="2 joints, but the robot has 3"):
         load_calibrations(robot_file, NOW)
 
 

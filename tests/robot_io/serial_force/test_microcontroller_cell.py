@@ -110,7 +110,7 @@ def arm(make_robot):
 @pytest.mark.parametrize(
     ("old", "new", "problem"),
     [
-        ("rate_hz: 320", "rate_hz: 80", "delivers 320 samples/s, the robot file states 80"),
+        ("rate_hz: 320", "rate_hz: 80", "delivers 320 samples/s, but the robot file states 80"),
         ("", b"cell 1 x 320*0000\n", "no cell answers"),
         ("", cell_line("cell 2 x 320"), "uses protocol version 2, but this driver supports version 1"),
         ("", cell_line("cell 1 x fast"), "states a rate of 'fast' samples per second, which is not"),

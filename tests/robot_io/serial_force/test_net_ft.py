@@ -165,8 +165,8 @@ def arm(make_robot):
         ({"unit": "lbf"}, "counts 1000000 for 1 lbf, but the robot file states"),
         ({"enabled": False}, "RDT is disabled"),
         ({"receive": lambda data, now_s: b""}, "sends no records"),
-        ({"page": lambda: b"no"}, "is not a configuration of a Net F/T"),
-        ({"page": lambda: b""}, "answers '404 Not Found': is that a Net F/T"),  # by the emulated server
+        ({"page": lambda: b"no"}, "is not the configuration of a Net F/T sensor"),
+        ({"page": lambda: b""}, "answers '404 Not Found': is it a Net F/T sensor"),  # by the emulated server
     ],
 )
 def test_sensor_that_is_set_up_otherwise_is_refused(arm, spoil, said):
