@@ -132,7 +132,7 @@ def stuck_in_air(data: ChannelData) -> str | None:
     )
 
 
-@cache_by_channel_arrays("position", "effort", "run")
+@cache_by_channel_arrays("time_s", "position", "effort", "run")
 def copied_runs(data: ChannelData) -> dict[int, tuple[int, float | None]]:
     """Find runs that are copies of others, exactly or except for a small part of their noise.
 
@@ -192,19 +192,27 @@ def _copies_by_noise(data: ChannelData) -> dict[int, tuple[int, float]]:
             by_length.setdefault(len(rows), []).append(rows)
     copies: dict[int, tuple[int, float]] = {}
     for length, runs in by_length.items():
-        bends = np.diff(data.effort[np.array(runs)], 2)
-        corner = _CORNER * np.median(np.abs(bends), axis=1, keepdims=True)
-        bends = np.clip(bends, -corner, corner)
-        bends /= np.linalg.norm(bends, axis=1, keepdims=True)
+        time_s, effort = data.time_s[np.array(runs)], data.effort[np.array(runs)]
+        steps_s, span_s = np.diff(time_s), time_s[:, 2:] - time_s[:, :-2]
+        between = (effort[:, :-2] * steps_s[:, 1:] + effort[:, 2:] * steps_s[:, :-1]) / span_s
+        # Uneven times also bend a smooth effort, and may repeat; so do their errors.
+        of_order, of_time = _unit_noise(np.diff(effort, 2)), _unit_noise(effort[:, 1:-1] - between)
         least = _COPIED if length >= _MIN_COMPARED else _IDENTICAL
         for number, rows in enumerate(runs):
-            match = bends[:number] @ bends[number]
+            match = np.minimum(of_order[:number] @ of_order[number], of_time[:number] @ of_time[number])
             for first in np.flatnonzero(match > least):
                 largest_difference = np.max(np.abs(data.position[rows] - data.position[runs[first]]))
                 if largest_difference < _MAX_DIFFERENCE * span:
                     copies[int(data.run[rows[0]])] = int(data.run[runs[first][0]]), float(match[first])
                     break
     return copies
+
+
+def _unit_noise(bends: FloatArray) -> FloatArray:
+    """Limit corners of a motion in second differences of runs (r, n), and scale each run to length 1."""
+    corner = _CORNER * np.median(np.abs(bends), axis=1, keepdims=True)
+    bends = np.clip(bends, -corner, corner)
+    return np.asarray(bends / np.maximum(np.linalg.norm(bends, axis=1, keepdims=True), 1e-300))
 
 
 def copied(copies: Mapping[int, tuple[int, float | None]]) -> str:

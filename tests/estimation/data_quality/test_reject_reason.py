@@ -20,7 +20,7 @@ from palpate.estimation.data_quality import (
 from palpate.estimation.data_quality.motion_and_effort import at_rest, late_touch
 from palpate.estimation.models import MODELS
 from palpate.estimation.study.estimates import estimate_with
-from tests.estimation.presses import channel, kelvin_voigt
+from tests.estimation.presses import RATE_HZ, channel, kelvin_voigt
 from tests.estimation.presses import long_session as session
 
 DATA = session(3)
@@ -436,6 +436,20 @@ def test_repeated_motion_is_no_copy(correlation, corner_n):
     both = replace(both, effort=both.effort + corner_n * turned)
     assert usable(both).all()
     assert quality_warnings(both) == []
+
+
+def test_repeated_jitter_of_the_clock_is_no_copy():
+    """Uneven times that repeat bend the readings of a steady ramp alike in each run, more than the noise."""
+    jitter_s = np.tile([0.0, 4e-4, -4e-4, 0.0, 3e-4, -3e-4], 100)
+    t, rng = np.arange(600) / RATE_HZ + jitter_s, np.random.default_rng(1)
+    x = 0.02 * np.minimum(t, 1.2 - t)
+    v = np.where(t < 0.6, 0.02, -0.02)
+    time_s, run = np.concatenate([t, t + 2.0]), np.repeat([0, 1], len(t))
+    force = kelvin_voigt(np.tile(x, 2), np.tile(v, 2)) + rng.normal(0.0, 2e-4, len(run))
+    data = channel(force, time_s, np.tile(x, 2), np.tile(v, 2), run)
+    assert usable(data).all()
+    copy = replace(data, effort=np.tile(force[: len(t)], 2) + rng.normal(0.0, 2e-5, len(run)))
+    assert set(copy.run[~usable(copy)]) == {1}
 
 
 @pytest.mark.parametrize(("step_n", "correlation"), [(0.0, 0.0), (0.02, 0.0), (0.01, 0.6)])
