@@ -18,6 +18,7 @@ from palpate.estimation.data.choose_columns import (
     joint_shift,
 )
 from palpate.estimation.data.column_names import (
+    COUNTERS,
     DISPLACEMENT,
     FORCE,
     PHASE,
@@ -36,6 +37,7 @@ from palpate.estimation.data.column_names import (
     si_unit,
     split_unit,
     unit_in_name,
+    words_of,
 )
 from palpate.estimation.data.column_units import AssignedColumn, Chosen, ColumnUnits
 from palpate.estimation.data.file_columns import list_first, pa
@@ -52,6 +54,10 @@ from palpate.estimation.data.units import (
 from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
+
+# A counter that rises evenly: largest deviation from its usual step, relative to it, and least share of such
+# steps, since it may restart or skip rows.
+_UNEVEN, _EVEN_SHARE = 0.5, 0.9  # deviation relative to the usual step, and least share of such steps
 
 
 @dataclass(frozen=True)
@@ -129,6 +135,20 @@ class ColumnAssignment:
         """Name of an unused column that could number the runs; empty if none could or a run column exists."""
         looked_at = () if self.run else self.unused
         return next((name for name in looked_at if in_blocks(self.table.numbers(name))), "")
+
+    @property
+    def clock_advice(self) -> str:
+        """Advice for a table without a time, which names a counter that rises evenly, if there is one."""
+        for name in self.unused:
+            steps = np.diff(self.table.numbers(name))
+            usual = float(np.median(steps))
+            is_even = np.mean(np.abs(steps - usual) < _UNEVEN * usual) > _EVEN_SHARE
+            if is_even and not COUNTERS.isdisjoint(words_of(name)):
+                return (
+                    f"if '{name}', which rises by {usual:.6g} a row, counts the time, add --column "
+                    f"time={shlex.quote(name)} --unit time=UNIT, the duration of one count, such as 0.001s"
+                )
+        return "if a column holds the time, add --column time=COLUMN"
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -28,7 +28,7 @@ from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.import_options import NO_OPTIONS, ImportOptions
 from palpate.estimation.data.table import Table
 from palpate.estimation.data.table_layout import clocks_of
-from palpate.estimation.data.text_dialect import NAMELESS
+from palpate.estimation.data.text_dialect import NAMELESS, OMITTED
 from palpate.estimation.data.units import dimension_of
 from palpate.robot_io.errors import InputError
 
@@ -36,6 +36,7 @@ from palpate.robot_io.errors import InputError
 _UNITS = {"displacement": "mm", "force": "N", "position": "rad", "torque": "Nm"}
 _JOINT_WORDS = frozenset(["q", "tau", "joint", "current", "torque"])  # in names of joints' columns
 _RISES = 0.9  # least share of rows in which a clock rises; it may restart in each run
+_MANY_TIMES = 10  # least ratio of columns to rows of a table whose rows hold signals
 _MIN_COLUMNS = 3  # least number of columns of which one may be a clock
 
 
@@ -88,6 +89,12 @@ def channel_sources(columns: ColumnAssignment) -> list[ChannelSource]:
     table, first_row = columns.table, ""
     if NAMELESS in table.notes:
         cells = list_first([table.labels(name)[0][0] for name in table.names])
+        if len(table.names) > _MANY_TIMES * len(table):
+            raise InputError(
+                f"{table.path}: has {len(table)} rows and {len(table.names):,} columns without names, so "
+                "each row seems to hold a signal; save it transposed, as with numpy.savetxt(NEW, "
+                "numpy.loadtxt(FILE).T), or begin each row with the name of its signal and a comma"
+            )
         first_row = f" (the file has no column names; its first row is {cells})"
     if len(table.names) == 1:
         raise InputError(
@@ -95,7 +102,8 @@ def channel_sources(columns: ColumnAssignment) -> list[ChannelSource]:
             "time, motion and effort; if other files hold them, give all these files"
         )
     reason = f"no channel can be made of columns {table.listed_names}{first_row}"
-    raise InputError(f"{table.path}: {reason}; {_suggest_columns(columns)}")
+    tables = [note for note in table.notes if note.startswith(OMITTED)]
+    raise InputError("; ".join([f"{table.path}: {reason}", _suggest_columns(columns), *tables]))
 
 
 def check_options_are_used(
@@ -130,20 +138,29 @@ def check_options_are_used(
 
 
 def _check_dimensions(columns: ColumnAssignment) -> None:
-    """Raise an error if a joint has an angle with a force, or a length with a torque."""
-    for (quantity, joint), position in columns.assigned.items():
-        other_effort = ("force" if position.dimension == "angle" else "torque", joint)
-        if quantity != "position" or other_effort not in columns:
+    """Raise an error if a joint has an angle with a force, or a length with a torque; or a rate of these."""
+    for (quantity, joint), motion in columns.assigned.items():
+        turns = motion.dimension in {"angle", "angle_rate"}
+        other_effort = ("force" if turns else "torque", joint)
+        if quantity not in {"position", "velocity"} or other_effort not in columns:
             continue
         effort, correction = columns.assigned[other_effort], "correct one with --unit or --column"
+        force = columns.role(("force", joint)).numbered
+        as_force = f"add --column {force}={shlex.quote(effort.column)} --unit {force}"
         if effort.dimension == "current":
-            force = columns.role(("force", joint)).numbered
+            correction = f"if it is the current of a linear motor with 20 N/A, {as_force}=20N/A"
+        elif not turns:
+            names = (name for name in columns.unused if quantity_in(name) == "position")
+            rate = "/s" if quantity == "velocity" else ""
+            as_angle = f"--unit {columns.role((quantity, joint)).numbered}=rad{rate}"
+            if rate and (name := next(names, "")):
+                as_angle = f"--column position={shlex.quote(name)} --unit position=rad"
             correction = (
-                "if it is the current of a linear motor with 20 N/A, add "
-                f"--column {force}={shlex.quote(effort.column)} --unit {force}=20N/A"
+                f"if the axis turns, add {as_angle}; if it is moved along a line by a radius of 0.1 m, "
+                f"{as_force}={effort.factor / 0.1:g}N"
             )
         raise InputError(
-            f"{columns.table.path}: column '{position.column}' is in {position.unit} and "
+            f"{columns.table.path}: column '{motion.column}' is in {motion.unit.replace('_', '/')} and "
             f"'{effort.column}' in {effort.unit}: a torque goes with an angle (rad, deg), a force with a "
             f"length (m, mm); {correction}"
         )

@@ -20,6 +20,7 @@ from palpate.estimation.data.column_names import (
     guess_columns,
     quantity_in,
     unit_in_name,
+    with_whole_joint_names,
 )
 from palpate.estimation.data.column_units import Chosen, ColumnUnits, explain_numbers
 from palpate.estimation.data.table import Table
@@ -248,7 +249,7 @@ def joint_shift(table: Table, columns: Mapping[str, str]) -> int:
 
 def _numbered(names: Iterable[str]) -> Numbered:
     numbered: Numbered = {}
-    for guess in map(guess_column, names):
+    for guess in with_whole_joint_names(list(map(guess_column, names))):
         if guess.quantity in JOINT_QUANTITIES and guess.joint is not None:
             numbered.setdefault(guess.quantity, {})[guess.joint] = guess.column
     if "position" not in numbered:  # the forces then belong to presses

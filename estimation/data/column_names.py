@@ -4,6 +4,7 @@ import re
 import unicodedata
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from types import MappingProxyType
 
 from palpate.estimation.data.quantity_words import CURRENT, WORDS, plain, without_accents
@@ -220,12 +221,16 @@ def si_unit(dimension: str) -> str:
     return next(unit for unit, factor in SI[dimension].items() if factor == 1.0)
 
 
+COUNTERS = frozenset(  # in the names of columns that count time in an unknown unit
+    "tick ticks stamp counter count counts cnt index idx sample samples frame frames seq".split()  # noqa: SIM905
+)
 _COUNTS = frozenset(["counts", "count", "ticks", "raw", "adc", "lsb"])  # numbers without a known unit
 _ANGLES = frozenset("angle angles theta winkel angulo angolo encoder encoders enc".split())  # noqa: SIM905
 # Durations that have a unit of time but are no clock.
 _NO_CLOCK = frozenset(["pwm", "pulse", "esc", "delay", "latency", "lag"])
 _ABSOLUTE = frozenset(["abs", "absolute", "absolut", "betrag", "magnitude"])
 _ENCODER = frozenset(["encoder", "encoders", "enc"])
+GEAR_SIDES = frozenset(["motor", "rotor", "output", "link"])  # between which a gear may be
 _UNINFORMATIVE = frozenset(
     "actual act measured feedback present ist joint joints state states j value values".split()  # noqa: SIM905
 )
@@ -315,7 +320,7 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
             return RoleGuess(name, quantity, None, units[name], _BY_UNIT, "by its unit")
         return guess_column(name)
 
-    guesses = list(map(guess_alone, names))
+    guesses = with_whole_joint_names(list(map(guess_alone, names)))
     # Named joints, such as "/elbow/position", get numbers if they have a position and a torque, or a velocity
     # if the file has no position. A word without a unit determines a quantity only in such a pair.
     named = [
@@ -370,6 +375,30 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
         guess if guess.quantity or other.quantity in known or is_repeated(guess.column) else other
         for guess, other in zip(paired, by_word, strict=True)
     ]
+
+
+def with_whole_joint_names(guesses: Sequence[RoleGuess]) -> list[RoleGuess]:
+    """Make numbers a part of the joints' names where several joints share a number: "FL0_pos", "FR0_pos".
+
+    At least two of these joints must have both a motion and a torque. The sides of a gear, such as motor and
+    link, are no joints.
+
+    Args:
+        guesses: guesses of single columns.
+    """
+    numbered = [
+        g for g in guesses if g.quantity in _MOTION_OR_TORQUE and g.joint is not None and g.joint_name
+    ]
+    names_by_key: dict[Key, set[tuple[str, ...]]] = {}
+    for guess in numbered:
+        names_by_key.setdefault(guess.key, set()).add(guess.joint_name)
+    are_several = any(
+        len(names & names_by_key.get(("torque", joint), set())) > 1
+        and GEAR_SIDES.isdisjoint(chain.from_iterable(names))
+        for (quantity, joint), names in names_by_key.items()
+        if quantity != "torque"
+    )
+    return [replace(g, joint=None) if are_several and g in numbered else g for g in guesses]
 
 
 def _guess_tension_test(guess: RoleGuess) -> RoleGuess:

@@ -58,6 +58,7 @@ _LARGE_UNITS = tuple(unit for _, unit in _MAX_RANGE.values())
 _MAX_CURRENT_A = 200.0  # largest plausible range of a current in A; a larger one is in mA
 _COUNT_OF_ENCODER = "0.00153rad"  # one of 4096 counts per turn, an example
 _FACTOR_OF_VOLT = "FACTOR"  # placeholder in advice
+_COUNTED = frozenset(["tick", "counter"])  # in the names of columns whose unit the step does not tell
 _LETTERS = {("force", "t"): "tf", ("time", "d"): "day"}  # units that are known only beside their quantity
 
 
@@ -145,7 +146,7 @@ class ColumnUnits:
         unit = self.unit_of(role, column)
         note = ""
         if not unit and role.quantity == "time":
-            if unknown := unknown_unit(column):
+            if unknown := unknown_unit(column) or next(iter(_COUNTED & {*words_of(column)}), ""):
                 raise InputError(
                     f"{place}: '{unknown}' is not a known unit of time; give it as a multiple of s, ms, us, "
                     "min, h or day, as in --unit time=0.01s"

@@ -14,13 +14,16 @@ import numpy as np
 import pyarrow as pa
 from python_calamine import CalamineSheet, CalamineWorkbook
 
+from palpate.estimation.data.column_names import is_unnamed
 from palpate.estimation.data.file_columns import FileColumns, check_size, list_first
 from palpate.estimation.data.table_layout import matching_places, with_run
 from palpate.estimation.data.text_dialect import (
+    IN_ROWS,
     MIN_NUMBERS,
     NAMELESS,
     TableBlock,
     TableLayout,
+    are_signals,
     decimal_mark,
     find_layouts,
     is_footer,
@@ -51,6 +54,7 @@ class _SheetTable:
     decimal: str  # decimal mark of numbers that are stored as text
     numbers: list[int]  # row numbers in the sheet
     title: str  # name of the sheet, with the row number of the names if the sheet holds several tables
+    in_rows: bool  # whether each row of the sheet holds a signal, so that `numbers` are those of columns
 
 
 def read_excel_table(path: Path, selected: str) -> FileColumns:
@@ -66,18 +70,18 @@ def read_excel_table(path: Path, selected: str) -> FileColumns:
     _check_workbook(path)
     book = CalamineWorkbook.from_path(path)
     sheets = [book.get_sheet_by_name(name) for name in book.sheet_names[:_MAX_SHEETS]]
-    notes: list[str] = []
-    tables = [table for sheet in sheets for table in _tables(sheet)]
+    tables = [table for sheet in sheets for table in _tables(sheet) or _tables(sheet, nameless=True)]
     if not tables:
-        tables = [table for sheet in sheets for table in _tables(sheet, nameless=True)]
-        notes.append(NAMELESS)
-    if not tables:
-        raise InputError(f"{path}: no sheet has a row of column names above rows of numbers")
+        raise InputError(
+            f"{path}: no sheet has a row of column names above rows of numbers. Its sheets: "
+            f"{list_first([repr(name) for name in book.sheet_names])}"
+        )
     blocks = [TableBlock(table.title, table.layout.names, len(table.rows)) for table in tables]
     chosen, omitted = same_columns(blocks, selected, path)
     same_tables = [tables[place] for place in chosen]
     first = max(same_tables, key=lambda table: len(table.rows))
     layout = first.layout
+    notes = [NAMELESS] if all(map(is_unnamed, layout.names)) else []
     rows = list[list[Any]]()
     for table in same_tables:
         order = matching_places(table.layout.names, layout.names)
@@ -98,9 +102,12 @@ def read_excel_table(path: Path, selected: str) -> FileColumns:
         joined = pa.concat_tables(parts)
     listed = list_first([repr(name) for name in names])
     notes += [f"sheet{'s' if len(names) > 1 else ''} {listed} of {len(book.sheet_names)}", *omitted]
-    notes += preamble_notes(len(first.preamble))
+    notes += [*preamble_notes(len(first.preamble)), *([IN_ROWS] if first.in_rows else [])]
     numbers = np.array([number for table in same_tables for number in table.numbers], dtype=np.int64)
-    return FileColumns(joined, first.decimal, tuple(notes), layout.titles, numbers, preamble=first.preamble)
+    row_word = "column" if first.in_rows else "row"
+    return FileColumns(
+        joined, first.decimal, tuple(notes), layout.titles, numbers, row_word, preamble=first.preamble
+    )
 
 
 def _check_workbook(path: Path) -> None:
@@ -165,6 +172,11 @@ def _tables(sheet: CalamineSheet, *, nameless: bool = False) -> list[_SheetTable
     """Return the tables of a sheet in order; `nameless` also accepts a table of numbers without names."""
     rows: list[list[Any]] = sheet.to_python(skip_empty_area=True)
     decimal = _decimal_mark(rows)
+    in_rows = len(rows) < _LOOKED_AT and are_signals(
+        [[_text(cell, decimal) for cell in row] for row in rows], decimal
+    )
+    if in_rows:
+        rows = [list(cells) for cells in zip(*rows, strict=True)]
     looked_at = set(range(min(len(rows), _LOOKED_AT)))
     for place, row in enumerate(rows):  # examine rows of words and the rows below them
         words = sum(isinstance(cell, str) and cell != "" for cell in row)
@@ -176,10 +188,10 @@ def _tables(sheet: CalamineSheet, *, nameless: bool = False) -> list[_SheetTable
     if nameless:
         numbered = numbered_names(len(head[0]) if head else 0)
         first = next(find_layouts([numbered, *head], decimal), None)
-        layouts = [TableLayout(first.names, 0, 0)] if first and first.first == 1 else []
+        layouts = [TableLayout(first.names, first.first - 1, first.first - 1)] if first else []
     if not layouts:
         return []
-    above = 1 + (sheet.start or (0, 0))[0]
+    above = 1 + (sheet.start or (0, 0))[int(in_rows)]
     tables: list[_SheetTable] = []
     ends = [*(places[layout.header] for layout in layouts[1:]), len(rows)]
     for layout, end in zip(layouts, ends, strict=True):
@@ -195,7 +207,7 @@ def _tables(sheet: CalamineSheet, *, nameless: bool = False) -> list[_SheetTable
         numbers = [above + place for place in body]
         mark = _decimal_mark(filled)
         title = sheet.name + f":{above + places[layout.header]}" * (len(layouts) > 1)
-        tables.append(_SheetTable(sheet.name, layout, filled, preamble, mark, numbers, title))
+        tables.append(_SheetTable(sheet.name, layout, filled, preamble, mark, numbers, title, in_rows))
     return [table for table in tables if table.rows]
 
 

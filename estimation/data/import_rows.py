@@ -75,8 +75,8 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
     if TIME not in columns:
         notes.append(
             "no time column: rows are assumed to be 1 s apart, so speeds, damping, inertia and relaxation "
-            "times are not in seconds; if a column holds the time, add --column time=COLUMN; if rows are "
-            "evenly spaced, give their interval, as in --unit time=10ms"
+            f"times are not in seconds; {columns.clock_advice}; if rows are evenly spaced, give their "
+            "interval, as in --unit time=10ms"
         )
     elif (added_s := float(np.max(times_s - columns.values(TIME)))) > 0.0:
         notes.append(

@@ -9,7 +9,14 @@ from functools import lru_cache
 from itertools import chain, islice, zip_longest
 from pathlib import Path
 
-from palpate.estimation.data.column_names import TIME, channel_pairs, guess_columns, is_unnamed, parse_role
+from palpate.estimation.data.column_names import (
+    TIME,
+    channel_pairs,
+    guess_column,
+    guess_columns,
+    is_unnamed,
+    parse_role,
+)
 from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.units import dimension_of, normalize_unit
 from palpate.robot_io.errors import InputError
@@ -24,8 +31,12 @@ NUMBER = {  # pattern by decimal mark; the other mark may separate thousands
 }
 MIN_UNMARKED = 100.0  # least number without a decimal mark that may come before "1.000"
 _ALIKE = 3  # consecutive lines that are checked to be a table
+MIN_SIGNALS = 3  # least number of signals in rows: time, motion and effort
+IN_ROWS = "each row holds a signal"
 MIN_NUMBERS = 2  # least number of numbers in such a line
 _MAX_SETTINGS = 4  # most rows between the names and the numbers
+_MAX_TITLES = 3  # rows above the names in which titles of tests, or names of single columns, are searched
+_WORDS_ONLY = re.compile(r"[^\W\d_][\w .:-]*")  # one cell, and none with another delimiter
 _COMMENT = "#%/;! \ufeff"
 _COMMENT_SIGNS = frozenset("#%/;!")
 _COMMENTS = ("#", "%", "!", "//")
@@ -44,7 +55,7 @@ class TableLayout:
     names: tuple[str, ...]  # column names; units from a row of units follow in brackets
     first: int  # index of the first row of numbers
     header: int  # index of the row of names
-    titles: tuple[str, ...] = ()  # cells of the row above the names
+    titles: tuple[str, ...] = ()  # cells of a row above the names that differ
 
 
 def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[TableLayout]:
@@ -76,14 +87,28 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[TableL
         header = _header_rows(rows, first, width, decimal)
         if not header:
             continue
-        top, (place, names), units = header[0][0], header[0], list[str]()
         units_by_row = [_units_in(row, width) for _, row in header]
-        if len(header) == 2 and bool(units_by_row[0]) != bool(units_by_row[1]):
-            top, units = header[1][0], units_by_row[0] or units_by_row[1]
-            place, names = header[1] if units_by_row[0] else header[0]
-        full_names = _with_units(_clean_names(rows, place, names, width), units)
-        titles = tuple(" ".join(cell.split()) for cell in rows[top - 1]) if top else ()
-        yield TableLayout(full_names, first, top, titles)
+        with_units = next((number for number, units in enumerate(units_by_row) if units), None)
+        choices: list[tuple[int, int | None]] = [
+            (0, None)
+        ]  # number of the row of names, and of that of units
+        if len(header) > 1 and bool(units_by_row[0]) != bool(units_by_row[1]):
+            choices = [(1, 0)] if units_by_row[0] else [(0, 1)]
+        # Rows of other words, such as channels, may be between names and numbers.
+        choices += [(number, with_units) for number, units in enumerate(units_by_row) if not units]
+        layouts = list[TableLayout]()
+        for number, of_units in dict.fromkeys(choices):
+            units = [] if of_units is None else units_by_row[of_units]
+            top = min(header[number][0], header[number if of_units is None else of_units][0])
+            names = _with_units(_clean_names(rows, *header[number], width), units)
+            titles: tuple[str, ...] = ()  # of the lowest row that names each test differently
+            for row in reversed(rows[max(top - _MAX_TITLES, 0) : top]):
+                filled = [cell for cell in row if cell.strip()]
+                if not titles and 1 < len(filled) == len(set(filled)):
+                    titles = tuple(" ".join(cell.split()) for cell in row)
+            layouts.append(TableLayout(names, first, top, titles))
+        is_clear = len(layouts) == 1
+        yield next((each for each in layouts if is_clear or _is_measurement(each.names)), layouts[0])
 
 
 def _is_body(body: Sequence[Sequence[str]], decimal: str) -> bool:
@@ -99,12 +124,13 @@ def _is_body(body: Sequence[Sequence[str]], decimal: str) -> bool:
 def _header_rows(
     rows: Sequence[Sequence[str]], first: int, width: int, decimal: str
 ) -> list[tuple[int, Sequence[str]]]:
-    """Return index and cells of at most two rows of names or units above a table, the lower one first."""
+    """Return index and cells of at most three rows of names or units above a table, the lowest one first."""
     body = rows[first : first + _ALIKE]
     labels = [row[0].strip().strip('"') for row in body if row]
     counted = [[str(begin + place) for place in range(len(labels))] for begin in (0, 1)]
     has_labels = labels in counted or not any(name == "" or is_number(name, decimal) for name in labels)
     filled_columns = {column for row in body for column, cell in enumerate(row) if not is_missing(cell)}
+    only_numbers = all(is_missing(cell) or is_number(cell, decimal) for cell in body[0])  # of this delimiter
     header: list[tuple[int, Sequence[str]]] = []
     for place in range(first - 1, -1, -1):
         if not any(char.isalnum() for cell in rows[place] for char in cell):
@@ -115,8 +141,11 @@ def _header_rows(
             for column, cell in enumerate(rows[place])
         ]
         filled = sum(map(bool, map(str.strip, row)))
-        # Such as the channel of one column, or a word that marks the end of the header.
-        is_remark = filled < 2 and (not row[0].strip() or row[0].strip().isalpha())
+        # Such as the channel of one column, or words that mark the end of the header.
+        word = row[0].strip()
+        is_remark = filled < 2 and (
+            not word or word.isalpha() or bool(_WORDS_ONLY.fullmatch(word) and only_numbers)
+        )
         is_setting = (  # such as "Range,10,50,100"
             len(_strip_empty(row)) <= len(_strip_empty(body[0]))
             and is_number(body[0][0], decimal)
@@ -131,7 +160,7 @@ def _header_rows(
         if len(row) < width or filled < 2 or any(_are_numbers(row, decimal)):
             break
         header.append((place, row))
-        if len(header) == 2:
+        if len(header) == 3:
             break
     return header
 
@@ -149,6 +178,21 @@ def preamble_notes(lines: int) -> tuple[str, ...]:
         lines: number of lines.
     """
     return (f"{lines} line{'s' if lines > 1 else ''} above the header",) if lines else ()
+
+
+def are_signals(rows: Sequence[Sequence[str]], decimal: str) -> bool:
+    """Return whether each row holds a signal: a name, perhaps a unit, and more numbers than there are rows.
+
+    Args:
+        rows: cells of all rows, as text.
+        decimal: decimal mark.
+    """
+    return MIN_SIGNALS <= len(rows) < min(map(len, rows), default=0) - 1 and all(
+        not is_missing(row[0])
+        and not is_number(row[0], decimal)
+        and all(is_missing(cell) or is_number(cell, decimal) for cell in row[2:])
+        for row in rows
+    )
 
 
 def numbered_names(count: int) -> tuple[str, ...]:
@@ -221,6 +265,9 @@ def _clean_names(
     """Return names without comment signs, or "column N"; add LabVIEW's units from its preamble."""
     cells = [" ".join(cell.split()) for cell in row[: max(width, len(_strip_empty(row)))]]
     cells[0] = cells[0].lstrip(_COMMENT)
+    for above in reversed(rows[max(header - _MAX_TITLES, 0) : header]):  # as in a header with merged cells
+        known = (cell if guess_column(cell).quantity else "" for cell in above)
+        cells = [cell or name for cell, name in zip_longest(cells, islice(known, len(cells)), fillvalue="")]
     names = tuple(cell or f"column {number}" for number, cell in enumerate(cells, 1))
     if names[0] != _LABVIEW[0]:
         return names
@@ -229,7 +276,7 @@ def _clean_names(
     return first, *_with_units(names[1:], rows_by_label.get(_LABVIEW[1], ())[1 : len(names)])
 
 
-NAMELESS = "no names of columns"
+NAMELESS, OMITTED = "no names of columns", "not read, because the columns differ"
 DELIMITERS = (",", ";", "\t", "|")
 BLANKS = " "  # one or more blanks between cells
 _LOOKED_AT = 1 << 18  # bytes
@@ -464,7 +511,10 @@ def same_columns(blocks: Sequence[TableBlock], selected: str, place: Path) -> tu
     if not titled:
         titles = ", ".join(dict.fromkeys(block.title for block in blocks))
         raise InputError(f"--table {selected}: {place} has no such table. Available: {titles}")
-    longest = max(titled, key=lambda block: (_is_measurement(block.names), block.rows))
+    longest = max(
+        titled,
+        key=lambda block: (_is_measurement(block.names), not all(map(is_unnamed, block.names)), block.rows),
+    )
     same = [n for n, block in enumerate(blocks) if sorted(block.names) == sorted(longest.names)]
     chosen = [n for n in same if blocks[n] in titled]
     omitted = [block for number, block in enumerate(blocks) if number not in same]
@@ -474,7 +524,7 @@ def same_columns(blocks: Sequence[TableBlock], selected: str, place: Path) -> tu
         f"{'line ' * b.title.isdecimal()}'{b.title}' ({b.rows:,} row{'s' * (b.rows != 1)})" for b in omitted
     ]
     option = f"--table {shlex.quote(omitted[0].title)}"
-    note = f"not read, because the columns differ: {list_first(sizes)}; {option} reads one"
+    note = f"{OMITTED}: {list_first(sizes)}; {option} reads one"
     # A line of words among the rows, such as a remark with as many cells, looks like column names.
     alike = (block for block in omitted if len(block.names) == len(longest.names))
     doubtful = next((block.title for block in alike if not _is_measurement(block.names)), "")

@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +20,14 @@ from palpate.estimation.data.quantity_words import FOREIGN_WORDS
 from palpate.estimation.data.table_layout import matching_places, with_run
 from palpate.estimation.data.text_dialect import (
     BLANKS,
+    DELIMITERS,
+    IN_ROWS,
     NAMELESS,
     TableBlock,
     TextDialect,
     TextTable,
+    are_signals,
+    decimal_mark,
     find_dialect,
     is_footer,
     is_missing,
@@ -54,6 +59,8 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
         InputError: the file is too large, is not text, has no header, or a row has a wrong number of cells.
     """
     content, encoding = _read_text(path)
+    columns_of_rows = _transposed(content)
+    content = columns_of_rows or content
     dialect = find_dialect(content)
     if dialect is None and (column := _only_column(content)) is not None:
         return column
@@ -63,7 +70,7 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
     if (columns := max(len(table.names) for table in dialect.tables)) > _MAX_COLUMNS:
         raise InputError(
             f"{path}: has {columns:,} columns, but at most {_MAX_COLUMNS:,} are read; "
-            "keep those of time, motion and effort"
+            "keep those of time, motion and effort; if each row holds a signal, save the table transposed"
         )
     if not content[dialect.tables[0].start :][:_MAX_LINE_BYTES].strip():
         raise InputError(f"{path}: no rows of data")
@@ -84,7 +91,8 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
     tests = [block for place in chosen for block in _blocks(content, *filled[place], dialect.delimiter)]
     lead = content[: tests[0][0].head if chosen[0] == 0 else 0].decode(errors="replace").splitlines()
     preamble = tuple(line.strip() for line in lead if line.strip())
-    notes = [*dialect.notes, *preamble_notes(len(preamble)), *note]
+    notes = [IN_ROWS] if columns_of_rows else [*dialect.notes]
+    notes += [*preamble_notes(len(preamble)), *note]
     notes += [f"a footer of {len(footer)} line{'s' if len(footer) > 1 else ''}"] if footer else []
     notes += [f"{empty} empty row{'s' if empty > 1 else ''} at the end left out"] if empty else []
     notes += [f"text in {encoding}"] if encoding else []
@@ -103,9 +111,23 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
         parts = [with_run(part, str(number)) for number, part in enumerate(parts, 1)]
         notes.append(f"{len(parts)} tests one after the other, read as runs")
     numbers = np.concatenate(lines)
+    row_word = "column" if columns_of_rows else "line"
     return FileColumns(
-        pa.concat_tables(parts), dialect.decimal, tuple(notes), titles, numbers, "line", preamble
+        pa.concat_tables(parts), dialect.decimal, tuple(notes), titles, numbers, row_word, preamble
     )
+
+
+def _transposed(content: bytes) -> bytes:
+    """Return a text whose rows hold one signal each with its columns as lines; empty for other text."""
+    first, lines = content.lstrip().partition(b"\n")[0], list[str]()
+    for delimiter in DELIMITERS:
+        if first.count(delimiter.encode()) > content.count(b"\n"):  # unlike most files
+            lines = lines or content.decode(errors="replace").splitlines()
+            split = (line_cells(line, delimiter) for line in lines if line.strip())
+            rows = [[" ".join(cell.split()) for cell in cells] for cells in split]
+            if are_signals(rows, decimal_mark(rows, in_doubt=delimiter != ",")):
+                return "\n".join(map("\t".join, zip_longest(*rows, fillvalue=""))).encode()
+    return b""
 
 
 def is_prose(path: Path) -> bool:

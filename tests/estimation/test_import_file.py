@@ -607,6 +607,42 @@ def test_unit_of_a_missing_time_is_the_interval_of_rows(contact, tmp_path):
         import_file(contact(time_s=None), ImportOptions(units={"time": "N"}))
 
 
+@pytest.mark.parametrize("name", ["tick", "ticks", "stamp", "sample counter"])
+def test_counter_is_proposed_as_the_time_and_asked_for_its_unit(contact, name):
+    path = contact(time_s=None, **{name: 20.0 * np.arange(len(T)), "note": T})
+    (advice,) = (note for note in import_file(path).notes if note.startswith("no time column"))
+    assert f"if '{name}', which rises by 20 a row, counts the time, add --column time=" in advice
+    assert "--unit time=UNIT" in advice
+    chosen = ImportOptions(columns={"time": name}, units={"time": "0.0005s"})
+    np.testing.assert_allclose(only(import_file(path, chosen)).time_s, 0.01 * np.arange(len(T)))
+    if name != "stamp":
+        with pytest.raises(InputError, match="is not a known unit of time; give it"):
+            import_file(path, ImportOptions(columns={"time": name}))
+
+
+def test_column_that_rises_unevenly_is_not_proposed_as_the_time(contact):
+    path = contact(time_s=None, ticks=np.arange(len(T)) ** 3)
+    assert any("add --column time=COLUMN" in note for note in import_file(path).notes)
+
+
+@pytest.mark.parametrize("motion", ["velocity", "position"])
+def test_motion_along_a_line_with_a_torque_is_refused_with_both_remedies(tmp_path, motion):
+    unit = {"velocity": "m/s", "position": "m"}[motion]
+    path = write_csv(tmp_path / "axis.csv", {"time_s": T, f"{motion} [{unit}]": X, "torque [Nm]": F})
+    with pytest.raises(InputError) as caught:
+        import_file(path)
+    text = str(caught.value)
+    assert f"is in {unit} and 'torque [Nm]' in Nm: a torque goes with an angle" in text
+    turning = {"velocity": "rad/s", "position": "rad"}[motion]
+    assert f"if the axis turns, add --unit {motion}={turning}; if it is moved along a line" in text
+    assert "--column force='torque [Nm]' --unit force=10N" in text
+    channel = only(import_file(path, ImportOptions(units={motion: turning})))
+    assert channel.kind is ChannelKind.REVOLUTE
+    chosen = ImportOptions(columns={"force": "torque [Nm]"}, units={"force": "10N"})
+    channel = only(import_file(path, chosen))
+    np.testing.assert_allclose(np.abs(channel.effort), np.abs(10.0 * F))
+
+
 def test_displacement_words_are_ignored_where_another_column_holds_it(contact):
     stroke = ["down"] * 25 + ["up"] * 25
     columns = {"displacement_m": None, "force_N": None, "time_s": None}

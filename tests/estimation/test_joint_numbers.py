@@ -104,6 +104,22 @@ def test_ambiguous_column_is_asked_by_number_and_the_page_takes_every_joint(log)
     assert pairs(path, columns=options.columns, units=options.units) == [(0, 2, 1.0), (1, 3, 1.0)]
 
 
+@pytest.mark.parametrize("form", ["{}_{}_{}", "{}_{} [{}]"])
+def test_joints_that_share_a_number_are_paired_by_their_whole_prefix(log, form):
+    units = {"pos": "rad", "tau": "Nm"}
+    names = [form.format(leg, what, units[what]) for what in units for leg in ("FL0", "FR0")]
+    path = log(*names)
+    assert pairs(path) == [(0, 2, 1.0), (1, 3, 1.0)]
+    assert import_file(path).columns["joint_2"] == (names[1], names[3])
+    assert pairs(log(names[1], names[0], *names[2:])) == [(0, 3, 1.0), (1, 2, 1.0)]
+
+
+def test_sides_of_a_gear_that_share_a_number_are_asked_about(log):
+    sides = [f"{side}1_{what}" for what in ("pos_rad", "tau_Nm") for side in ("motor", "link")]
+    with pytest.raises(InputError, match="'motor1_pos_rad' and 'link1_pos_rad' may hold position_1"):
+        pairs(log(*sides))
+
+
 UR = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint")
 
 

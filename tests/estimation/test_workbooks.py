@@ -173,3 +173,84 @@ def test_row_without_its_last_numbers_is_no_footer(read, cut):
 )
 def test_side_by_side_tests_repeat_a_motion_and_an_effort(names, tests):
     assert len(find_tests(names)) == tests
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+@pytest.mark.parametrize("units", ["in names", "behind names"])
+def test_signals_in_rows_are_read(tmp_path, delimiter, units):
+    path, decimal = tmp_path / "rows.csv", "," if delimiter == ";" else "."
+    lines = []
+    for name, values in zip(NAMES, (T, 2.0 * T, 3.0 * T), strict=True):
+        begin = [name] if units == "in names" else name.rstrip("]").split(" [")
+        lines.append(delimiter.join([*begin, *(f"{value:.2f}".replace(".", decimal) for value in values)]))
+    path.write_text("\n".join(lines))
+    table = read_table(path)
+    np.testing.assert_allclose([table.numbers(name) for name in NAMES], [T, 2.0 * T, 3.0 * T])
+    assert "each row holds a signal" in table.notes
+    assert table.row_name(0) == f"column {2 if units == 'in names' else 3}"
+
+
+def test_signals_in_rows_without_names_are_explained(tmp_path):
+    np.savetxt(tmp_path / "rows.txt", [T, 2.0 * T, 3.0 * T] @ np.ones((len(T), 5 * len(T))))
+    with pytest.raises(
+        InputError, match="has 3 rows and 60 columns without names, so each row seems to hold a"
+    ):
+        import_file(tmp_path / "rows.txt")
+
+
+def test_signals_in_rows_of_a_sheet_are_read(book):
+    path = book(S=[[name, *(factor * T)] for factor, name in enumerate(NAMES, 1)])
+    table = read_table(path)
+    np.testing.assert_allclose([table.numbers(name) for name in NAMES], [T, 2.0 * T, 3.0 * T])
+    assert "each row holds a signal" in table.notes
+    assert table.row_name(0) == "column 2"
+
+
+def test_sheets_without_names_or_numbers_are_listed(book):
+    rows = [[float(n), 2.0 * n, 3.0 * n] for n in range(9)]
+    table = read_table(book(Named=[NAMES, *rows[:5]], Raw=rows, Notes=[["by", "hand"]]))
+    assert len(table) == 5
+    assert "'Raw' (9 rows); --table Raw reads one" in "; ".join(table.notes)
+    assert len(read_table(table.path, "Raw")) == 9
+    table = read_table(book(Named=[NAMES, *rows[:5]], Raw=[["Time", None, None], *rows]))
+    assert "'Raw' (9 rows); --table Raw reads one" in "; ".join(table.notes)
+    assert read_table(table.path, "Raw").row_name(0) == "row 2"
+    with pytest.raises(InputError, match=r"Available: Named, Raw$"):
+        read_table(table.path, "Other")
+    with pytest.raises(InputError, match=r"Its sheets: 'Notes', 'More'$"):
+        read_table(book(Notes=[["by", "hand"]], More=[["x"]]))
+    with pytest.raises(InputError, match=r"; not read.*'Wide' \(4 rows\); --table Wide"):
+        import_file(book(Raw=rows, Wide=[[*row, 1.0] for row in rows[:4]]))
+
+
+NUMBERS = [[i, 0.5 * i, 0.25 * i] for i in range(9)]
+
+
+@pytest.mark.parametrize(
+    "above",
+    [
+        [["Foam"], ["by", "hand"], NAMES],
+        [["Foam", "of", "two"], ["by", "the", "hand"], NAMES],
+        [NAMES, ["Test 1 of foam"]],
+        [NAMES, [], ["Raw data:"], []],
+        [NAMES, ["Ch1", "Ch2", "Ch3"]],
+        [NAMES, ["Ch1", "Ch2", "Ch3"], ["raw", "raw", "cal"]],
+        [["Time [s]", "Foam", ""], ["", "Travel [mm]", "Load [N]"]],
+        [["Time [s]", "", ""], ["", "Foam", ""], ["", "Travel [mm]", "Load [N]"]],
+    ],
+)
+def test_names_are_found_above_and_below_rows_of_other_words(tmp_path, book, above):
+    path = tmp_path / "press.csv"
+    path.write_text("".join(",".join(map(str, row)) + "\n" for row in [*above, *NUMBERS]))
+    for table in (read_table(path), read_table(book(S=[*above, *NUMBERS]))):
+        assert table.names == NAMES
+        assert len(table) == len(NUMBERS)
+
+
+@pytest.mark.parametrize("between", [[], ["", "", "", "", "", ""], ["by hand", "", "", "by hand", "", ""]])
+def test_tests_side_by_side_are_named_by_the_nearest_titles(tmp_path, between):
+    path = tmp_path / "press.csv"
+    numbers = [[*row, row[0], 2.0 * row[1], row[2]] for row in NUMBERS]
+    rows = [["Foam", "", "", "Steel", "", ""], between, NAMES * 2, *numbers]
+    path.write_text("".join(",".join(map(str, row)) + "\n" for row in rows))
+    assert read_table(path).labels("run")[0] == ("Foam", "Steel")
