@@ -80,8 +80,13 @@ class Estimate:
 
     @property
     def rmse(self) -> float:
-        """Root mean square of the residuals over all samples."""
+        """Root mean square of the residuals over all samples, with outliers."""
         return float(np.sqrt(np.mean(self.residuals**2)))
+
+    @property
+    def rmse_inliers(self) -> float:
+        """Root mean square of the residuals over the inliers."""
+        return float(np.sqrt(np.mean(self.residuals[self.inliers] ** 2)))
 
 
 class DisplayTable(NamedTuple):

@@ -15,7 +15,7 @@ from markupsafe import Markup
 from palpate.batches.pooling import BatchResult
 from palpate.batches.table import BUDGET, floats, parameter_columns, texts
 from palpate.batches.trend import Series, TrendChange, least_for_step
-from palpate.common.console import as_shell_word, count, duration, significant
+from palpate.common.console import as_shell_word, count, duration, format_computed_p_value, significant
 from palpate.common.files import write_text
 from palpate.estimation.fit.intervals import SIGMAS_95
 from palpate.estimation.kinds import Kind
@@ -264,7 +264,7 @@ _COMMON: _EntryTable = (
         "effect": lambda entry: entry.effect,
         "share of the squared error": lambda entry: f"{100 * entry.share:.2g} %",
         "improved": lambda entry: f"{entry.improved} of {entry.measurements}",
-        "p corrected": lambda entry: f"{entry.p_value:.2g}",
+        "p corrected": lambda entry: format_computed_p_value(entry.p_value),
         "gains as much": lambda entry: ", ".join(entry.confused_with),
     },
     "Evidence of all measurements together: mean gain in logarithmic score on held-out runs, one effect "
@@ -301,7 +301,7 @@ _SHARED: _EntryTable = (
         ),
         "95 % interval": lambda entry: range_text(entry.interval, entry.std_err),
         "unit": lambda entry: entry.unit,
-        "p": lambda entry: f"{entry.p_corrected:.2g}",
+        "p": lambda entry: format_computed_p_value(entry.p_corrected),
     },
     "p: probability that estimates differ this much if they share one value (Cochran's Q, corrected by "
     "Holm). Below 0.01, no shared value is given.",
@@ -314,8 +314,8 @@ _DIFFERENCES: _EntryTable = (
         "groups": lambda entry: f"{entry.groups[1]} − {entry.groups[0]}",
         "difference": lambda entry: significant(entry.difference, entry.std_err),
         "95 % interval": lambda entry: range_text(entry.interval, entry.std_err),
-        "p": lambda entry: f"{entry.p_value:.2g}",
-        "p corrected": lambda entry: f"{entry.p_corrected:.2g}",
+        "p": lambda entry: format_computed_p_value(entry.p_value),
+        "p corrected": lambda entry: format_computed_p_value(entry.p_corrected),
         "unit": lambda entry: entry.unit,
         "": lambda entry: "differs" if entry.p_corrected < _SIGNIFICANT else "",
     },

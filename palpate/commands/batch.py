@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option
 
 from palpate.common import console, options
-from palpate.common.console import count, display_path, plus_minus, safe, significant
+from palpate.common.console import count, display_path, format_computed_p_value, plus_minus, safe, significant
 from palpate.robot_io.errors import InputError
 from palpate.workflows.data_options import StudyOptions
 
@@ -125,16 +125,13 @@ def batch_command(
         name, reason = next(iter(result.errors.items()))
         reason = reason if name in reason else f"{name}: {reason}"
         if result.measurements > 1:
-            reason = (
-                f"none of {result.measurements} measurements is readable; {reason} "
-                f"(all reasons: {result.folder / 'table.csv'})"
-            )
-        raise InputError(reason)
+            reason = f"none of {result.measurements} measurements is readable; {reason}"
+        raise InputError(f"{reason} (all reasons: {result.folder / 'table.csv'}; page: {result.page})")
 
-    console.present(result.as_data(), lambda: _print(result), as_json=as_json)
+    console.present(result.as_data(), lambda: _print(result, pool=pool), as_json=as_json)
 
 
-def _print(result: "BatchResult") -> None:
+def _print(result: "BatchResult", *, pool: bool) -> None:
     """Print counts, effects, cautions, pooled parameters, errors and the page's address."""
     from palpate.batches.table import texts  # noqa: PLC0415, its libraries take a second
 
@@ -150,11 +147,14 @@ def _print(result: "BatchResult") -> None:
         to.print(f"  effects named: {named}")
     for words in _warnings(table):
         to.print(f"  [yellow]{safe(words)}[/yellow]")
-    for effect in result.common_effects:
-        like = f" (or {', '.join(effect.confused_with)})" if effect.confused_with else ""
-        share = f"{100 * effect.share:.2g} % of the squared error"
-        words = safe(f"{effect.channel}: {effect.effect}{like} is missing in the pooled data, {share}")
-        to.print(f"  [bold]{words}[/bold]")
+    missing = [
+        f"{each.channel}: {each.effect}"
+        + f" (or {', '.join(each.confused_with)})" * bool(each.confused_with)
+        + f" is missing in the pooled data, {100 * each.share:.2g} % of the squared error"
+        for each in result.common_effects
+    ]
+    for words in missing or ["--pool: the pooled data show no missing effect"] * pool:
+        to.print(f"  [bold]{safe(words)}[/bold]")
     for entry in result.pooled[:_MOST_SHOWN]:
         to.print(f"  {safe(_mean(entry))}")
     for shared in result.shared:
@@ -162,14 +162,17 @@ def _print(result: "BatchResult") -> None:
         where = safe(f"{group}{shared.parameter} in {count(shared.count, 'estimate')}")
         if shared.contradicted:
             problem = f"{where} is not shared: the estimates differ by more than their intervals allow"
-            to.print(f"  [yellow]{problem}[/yellow] (corrected p {shared.p_corrected:.2g})")
+            to.print(
+                f"  [yellow]{problem}[/yellow] (corrected p {format_computed_p_value(shared.p_corrected)})"
+            )
         else:
             value = plus_minus(shared.value, shared.interval[1] - shared.value)
             to.print(f"  {where}, shared: {safe(f'{value} {shared.unit} (95 %)')}")
     for difference in result.differences:
         if difference.p_corrected < 0.05:
             words = f"{difference.parameter} differs between {' and '.join(difference.groups)}"
-            to.print(f"  [yellow]{safe(words)}[/yellow] (corrected p {difference.p_corrected:.2g})")
+            corrected = format_computed_p_value(difference.p_corrected)
+            to.print(f"  [yellow]{safe(words)}[/yellow] (corrected p {corrected})")
     for name, error in list(result.errors.items())[:_MOST_SHOWN]:
         to.print(f"  [yellow]{safe(error if name in error else f'{name}: {error}')}[/yellow]")
     if result.outliers:

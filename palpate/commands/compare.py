@@ -165,10 +165,10 @@ def compare_command(
         written = write_outcome(target, study, results, [again], {RESULT: json_text(content())})
         console.stderr().print(f"\nreport  [bold]{display_path(written['report'])}[/bold]")
     if not as_json:
-        zoom = (f"{again} --out FOLDER", "an interactive report")
+        zoom = [(f"{again} --out FOLDER", "an interactive report")] if target is None else []
         stages = (f"palpate revisions {data.command_text(folder=folder)}", "all stages")
         first = [stages] if saved_revisions else _next_steps(data, study, results, model, channel, folder)
-        console.next_steps(*first, zoom)
+        console.next_steps(*first, *zoom)
 
 
 def _compare_pair(  # noqa: PLR0917, what was typed

@@ -147,12 +147,12 @@ def revisions_command(data: DataArguments, as_json: JsonOption = False, folder: 
     if revisions:
         first, newest = revisions[0], {revision.channel: revision for revision in revisions}
         added = data.command_text(out=folder, effect=user_effects_of([first]))
-        last = {"revision": [revision.number for revision in newest.values()], "folder": folder}
-        compared = data.command_text(**last, effect=user_effects_of(list(newest.values())))
+        own, numbers = user_effects_of(list(newest.values())), [each.number for each in newest.values()]
+        last = data.command_text(revision=numbers, folder=folder, effect=own)
         steps = [
             (f"palpate add {added} EFFECT --from {first.number}", "go back to a revision and continue there"),
-            (f"palpate compare {compared}", "where the newest model fails"),
-            (f"palpate export {data.command_text(**last)}", "as a simulated world"),
+            (f"palpate compare {last}", "where the newest model fails"),
+            (f"palpate export {last}", "as a simulated world"),
         ]
 
         differing = [

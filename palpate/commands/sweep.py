@@ -71,6 +71,8 @@ def sweep_command(
         if not path.suffix and not path.exists():
             raise InputError(f"sweep '{what}': no such grid. Valid: {PAPER}, or a YAML file with a grid")
         grid = load_grid(existing_file(path, "sweep"))
+        for words in grid.short_ranges():
+            console.warn(f"{path}: {words}")
         parts = {"grid": list(grid.cases())}
     sweep = PAPER if grid is None else shell_path(path)
     folder = out or SWEEPS / path.stem

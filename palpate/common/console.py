@@ -287,6 +287,7 @@ FIRST_PROBE = "--speed-mm-s 20 --force-limit-n 3"  # options for a real arm's fi
 AT_REST = "the arm is at rest and without torque"  # after Ctrl-C
 AT_BOUND = "at its bound"  # the search ended at a parameter's bound: the data do not determine it
 NOT_DETERMINED = "not determined"  # by the data; printed instead of an interval
+_ROUNDING_OF_P = 1e-15  # a computed p value below it may be rounded to zero
 _LEAST_P = 0.005  # smallest p value with 199 surrogates: 1 / (199 + 1)
 _MOST_DECIMALS = 6  # numbers that need more use scientific notation
 _MOST_ZEROS = 8  # after the last justified digit; beyond that, likewise
@@ -378,6 +379,15 @@ def format_p_value(p_value: float) -> str:
         p_value: between 0 and 1.
     """
     return f"≤ {_LEAST_P:g}" if p_value <= _LEAST_P else f"{p_value:.3f}"
+
+
+def format_computed_p_value(p_value: float) -> str:
+    """Format a computed p value to two digits; one below the rounding of numbers is shown as an upper bound.
+
+    Args:
+        p_value: between 0 and 1.
+    """
+    return f"< {_ROUNDING_OF_P:g}" if p_value < _ROUNDING_OF_P else f"{p_value:.2g}"
 
 
 def significant(value: float, uncertainty: float | None = None) -> str:

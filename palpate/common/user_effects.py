@@ -29,7 +29,7 @@ from palpate.estimation.effects import EFFECTS
 from palpate.robot_io.errors import InputError, describe_error
 from palpate.robot_io.types import FloatArray
 
-LIMIT_S = 30.0  # for loading, and for trying each method once [s]
+LIMIT_S = 10.0  # for loading, and for trying each method once [s]
 
 
 class _TooLongError(BaseException):

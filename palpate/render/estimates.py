@@ -270,7 +270,7 @@ def as_data(estimates: ChannelEstimates, truth: Truth) -> dict[str, Any]:
         surface, parameters = estimates.surface_of(estimate), dict[str, dict[str, Any]]()
         for p in estimate.parameters:
             data = {"value": p.value, "std_err": p.std_err, "interval": list(p.interval), "unit": p.unit}
-            data["determined"] = str(p.determined)
+            data |= {"determined": str(p.determined), "at_bound": p.at_bound}
             if p.name in truth:
                 data |= {"truth": truth[p.name], "error_percent": _error_percent(p, truth)}
             parameters[p.name] = data
@@ -280,6 +280,7 @@ def as_data(estimates: ChannelEstimates, truth: Truth) -> dict[str, Any]:
                 "surface": vars(surface) if surface is not None else None,
                 "parameters": parameters,
                 "rmse": estimate.rmse,
+                "rmse_inliers": estimate.rmse_inliers,
                 "condition_number": estimate.condition_number,
                 "inliers": int(np.count_nonzero(estimate.inliers)),
                 "identifiability": str(estimate.identifiability),

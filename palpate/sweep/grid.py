@@ -16,7 +16,7 @@ from pydantic_core import PydanticCustomError
 from palpate.control.probing.plan import ProbingPlan
 from palpate.estimation.models import MODELS
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.files.file_model import FileModel, NotNegative, Number, Positive, validate
+from palpate.robot_io.files.file_model import FileModel, NotNegative, Number, Positive, problem_at, validate
 from palpate.runs.probing import check_duration
 from palpate.runs.robots import find_robot
 from palpate.sim_backend.contact_laws.standard import HuntCrossleyLaw
@@ -103,9 +103,13 @@ class GridFile(FileModel):
     def _check_worlds(self) -> "GridFile":
         rate_hz = find_robot(self.robot).control_rate_hz
         laws = self.laws()
-        worlds = [*product(laws, [NOTHING]), *product(laws[:1], self.hidden)]
-        for law, hidden in worlds:
-            world(self._parameters(law, self.speeds_mm_s[0], 0.0, 0.0, hidden), self.seed)
+        for law in laws:
+            world(self._parameters(law, self.speeds_mm_s[0], 0.0, 0.0, NOTHING), self.seed)
+        for number, hidden in enumerate(self.hidden):
+            try:
+                world(self._parameters(laws[0], self.speeds_mm_s[0], 0.0, 0.0, hidden), self.seed)
+            except InputError as error:
+                raise problem_at(f"hidden.{number}", str(error)) from error
         for speeds in self.speeds_mm_s:
             check_duration(validate(ProbingPlan, self._plan(speeds)), rate_hz)
         return self
@@ -128,6 +132,18 @@ class GridFile(FileModel):
         return [
             dict(zip(entry, values, strict=True)) for entry in given for values in product(*entry.values())
         ]
+
+    def short_ranges(self) -> Iterator[str]:
+        """Yield a sentence on each range whose last number is not its end."""
+        for name, value in (item for entry in self.objects for item in entry.items()):
+            if isinstance(value, Mapping):
+                given = validate(ParameterRange, value)
+                last, step = given.values()[-1], given.step
+                if not math.isclose(last, given.to, abs_tol=1e-6 * step):
+                    yield (
+                        f"{name}: steps of {step:g} from {given.from_:g} end at {last:g} and do not reach "
+                        f"{given.to:g}"
+                    )
 
     def cases(self) -> Iterator[Case]:
         """Yield all combinations for each repeat, so that an interrupted sweep covers all of them."""

@@ -254,7 +254,7 @@ def problem_at(key: str, text: str) -> PydanticCustomError:
     """Make an error, to be raised in a validator, about a key below a model; the message names its line.
 
     Args:
-        key: key, such as `values.scale`.
+        key: key, such as `values.scale`, or `hidden.0` for the first entry of a list.
         text: the problem.
     """
     return PydanticCustomError("problem_at", "{text}", {"text": text, "key": key})
@@ -327,7 +327,8 @@ def validate(
         if problem["type"] == "unknown_key":
             key_path = (*key_path, problem["ctx"]["key"])
         elif problem["type"] == "problem_at":
-            key_path = (*key_path, *problem["ctx"]["key"].split("."))
+            keys = problem["ctx"]["key"].split(".")
+            key_path = (*key_path, *(int(key) if key.isdecimal() else key for key in keys))
         elif problem["type"] == "missing":
             text = "is missing"
         else:

@@ -43,6 +43,8 @@ def test_folder_gets_the_numbers_and_a_report(hardening, tmp_path):
     kept = json.loads((tmp_path / "there" / "comparison.json").read_text())
     assert kept == json.loads(result.stdout)
     assert (tmp_path / "there" / "report.html").stat().st_size > 1e6
+    again = done("compare", hardening, "--out", tmp_path / "again")
+    assert not [words for words in next_commands(again) if "--out" in words]  # it would refuse this folder
 
 
 def test_single_press_is_judged_by_its_parts_and_few_samples_are_refused(tmp_path):

@@ -152,6 +152,20 @@ def test_joint_is_estimated_with_a_joint_model(joint):
     assert estimate_json(joint, "--estimator", "lsq")["channels"] == [channel]  # the model that suits it
 
 
+def test_error_of_inliers_is_stated_beside_that_of_all_samples(tmp_path):
+    t = np.arange(400) * 0.01
+    q, spiked = 0.5 * np.sin(3.0 * t), np.arange(400) % 40 == 20
+    noise = np.random.default_rng(1).normal(0.0, 1e-3, 400)
+    torque = 2.0 * q + 0.3 * np.gradient(q, t) + noise + 5.0 * spiked
+    path = write_table(tmp_path / "joint.csv", time_s=t, position_rad=q, torque_Nm=torque)
+    said = estimate_json(path, "--model", "spring_mass_damper", "--estimator", "lsq,robust")
+    least, robust = said["channels"][0]["estimates"]
+    assert least["rmse"] == least["rmse_inliers"]
+    assert robust["rmse"] == pytest.approx(5.0 * np.mean(spiked) ** 0.5, rel=0.02)
+    assert robust["rmse_inliers"] < 2e-3
+    assert {p["at_bound"] for p in robust["parameters"].values()} == {False}
+
+
 def test_unphysical_parameter_is_reported_once_as_undetermined(tmp_path):
     """A joint that swings so slowly that its inertia does nothing; the dry friction that it has does."""
     t = np.arange(0, 6, 0.005)

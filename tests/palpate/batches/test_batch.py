@@ -141,12 +141,13 @@ def test_unreadable_file_is_a_row_with_its_reason(specimens, tmp_path):
     nameless = saved(tmp_path / "nameless.csv", "a,b\n1,2\n")
     bad = tmp_path / "bad"
     refused = run("batch", nameless, specimens / "broken.csv", "--out", bad, "--workers", 1, "--json")
-    assert_refused(refused, "none of 2 measurements is readable", "nameless.csv", "table.csv")
+    assert_refused(refused, "none of 2 measurements is readable", "nameless.csv", "table.csv", "index.html")
+    assert (bad / "index.html").is_file()
     reasons = {row["measurement"]: row["error"] for row in rows(bad)}
     assert "--column force_N=COLUMN" in reasons["nameless.csv"]  # as on a command line
     assert "broken.csv" in reasons["broken.csv"]
     refused = run("batch", nameless, "--out", tmp_path / "alone", "--workers", 1)
-    assert_refused(refused, "nameless.csv", "--column force_N=COLUMN")
+    assert_refused(refused, "nameless.csv", "--column force_N=COLUMN", "index.html")
     files = (specimens / "broken.csv", specimens / "s0_soft.csv")
     said = as_json("batch", *files, "--out", out, "--workers", 1)
     assert (said["measurements"], said["finished"]) == (2, 2)
@@ -311,6 +312,7 @@ def test_each_episode_of_a_lerobot_data_set_is_a_measurement_and_unlike_ones_sha
     told = {row["run"]: float(row["coulomb_friction.force [N m]"]) for row in rows(out)}
     assert told == {str(episode): pytest.approx(torque, rel=0.01) for episode, torque in enumerate(torques)}
     assert "coulomb_friction.force in 3 estimates is not shared" in " ".join(said.split())
+    assert "(corrected p < 1e-15)" in " ".join(said.split())
     assert "contradicted" in (out / "index.html").read_text()
     assert_refused(run(*batch, "backlash"), "--share backlash", "Available:", "coulomb_friction")
 

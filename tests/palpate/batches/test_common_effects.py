@@ -6,6 +6,7 @@ import pytest
 
 import palpate
 from palpate.batches.common_effects import LEVEL, best_effect, find_common_effects
+from tests.palpate.cli import run
 from tests.palpate.presses import NOISE_N, write_presses
 
 
@@ -75,3 +76,7 @@ def test_common_stiffening_of_half_the_noise_is_detected_in_twelve_recordings(tm
     assert effect.effect in (tmp_path / "out" / "index.html").read_text()
     none = palpate.batch(tmp_path / "none", out=tmp_path / "none_out", pool=True, workers=2)
     assert none.common_effects == ()
+    out = ("--out", tmp_path / "none_out", "--workers", 1)
+    said = {more: run("batch", tmp_path / "none", *out, *more).stdout for more in [(), ("--pool",)]}
+    assert "--pool: the pooled data show no missing effect" in said["--pool",]
+    assert "--pool" not in said[()]

@@ -45,6 +45,15 @@ def test_range_includes_its_end_and_only_noisy_runs_are_drawn_repeatedly(tmp_pat
     assert {case.parameters["noise_percent"]: case.parameters["draws"] for case in cases} == {0: 1, 5: 4}
 
 
+@pytest.mark.parametrize(
+    ("end", "words"),
+    [(0.3, []), (0.35, ["damping_n_s_m: steps of 0.1 from 0 end at 0.3 and do not reach 0.35"])],
+)
+def test_range_whose_steps_miss_its_end_is_pointed_out(tmp_path, end, words):
+    law = ONE["objects"][0] | {"damping_n_s_m": {"from": 0, "to": end, "step": 0.1}}
+    assert list(grid(tmp_path, objects=[law]).short_ranges()) == words
+
+
 def test_all_estimators_are_those_that_suit_the_model(tmp_path):
     hunt_crossley = [{"name": "hunt_crossley", "stiffness": 2000, "damping": 500, "exponent": 1.5}]
     (linear, *_), (power, *_) = (grid(tmp_path, **keys).cases() for keys in ({}, {"objects": hunt_crossley}))
@@ -81,8 +90,8 @@ def objects(**numbers):
         ({"estimators": ["lsqq"]}, "did you mean 'lsq'"),
         ({"estimators": [{"name": "ransac", "treshold": 1}]}, "treshold"),
         ({"estimators": [{"threshold": 1}]}, "no estimator"),
-        ({"hidden": ["stress_relaxtion"]}, "stress_relaxation"),
-        ({"hidden": [[{"effect": "bias"}]]}, "channel: is missing"),
+        ({"hidden": ["none", "stress_relaxtion"]}, r"mine.yaml line 7, hidden entry 2: .*stress_relaxation"),
+        ({"hidden": [[{"effect": "bias"}]]}, r"mine.yaml line 6, hidden entry 1: .*channel: is missing"),
         ({"model": "kelvin"}, "kelvin_voigt"),
         ({"scenario": "nowhere"}, "nowhere"),
         ({"plan": {"hold": 1}}, "hold_s"),
