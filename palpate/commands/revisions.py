@@ -146,8 +146,9 @@ def revisions_command(data: DataArguments, as_json: JsonOption = False, folder: 
     steps = [(f"palpate diagnose {data.command_text()} --apply", "find what is missing, and add it")]
     if revisions:
         first, newest = revisions[0], {revision.channel: revision for revision in revisions}
-        added = data.command_text(out=folder, effect=user_effects_of([first]))
-        own, numbers = user_effects_of(list(newest.values())), [each.number for each in newest.values()]
+        own = user_effects_of([first, *newest.values()])
+        numbers = [each.number for each in newest.values()]
+        added = data.command_text(out=folder, effect=own)
         last = data.command_text(revision=numbers, folder=folder, effect=own)
         steps = [
             (f"palpate add {added} EFFECT --from {first.number}", "go back to a revision and continue there"),

@@ -93,7 +93,8 @@ def test_saved_user_effect_runs_only_on_request(hardening, tmp_path):
         said = next_commands(run(command, hardening, "--folder", tmp_path))
         (again,) = [words for words in said if words[0] == "compare" and "--revision" in words]
         assert again[again.index("--effect") + 1] == place
-        assert all(place in words for words in said if words[0] in {"add", "compare", "export"}), said
+    steps = next_commands(run("revisions", hardening, "--folder", tmp_path))
+    assert [words[words.index("--effect") + 1] for words in steps] == [place] * 3
 
 
 def test_missing_revisions_give_a_hint_and_a_damaged_one_is_named(hardening, tmp_path):
