@@ -3,7 +3,9 @@
 from collections import deque
 from math import inf
 
-_JITTER_S = 3e-3  # variation of the link's delay that is no delay of its own [s]
+# A delay counts if so many consecutive answers are all later than usual by more than this: a jitter of the
+# link that delays some answers does not delay all of many [s].
+_LATER_S = {2: 3e-3, 24: 1e-3}
 ASK_PERIOD_S = 13e-3  # between requests to one axis; no multiple of a usual batching period [s]
 _LOST_SHARE = 4  # multiple of the age limit after which an answer is lost
 _REPEATED = 3  # consecutive requests with two different answers that show two axes
@@ -22,7 +24,10 @@ class AnswerDelay:
     """Delay of the answers of one axis, by requests of which at most one is open.
 
     Cyclic frames carry neither time nor number, so a link whose delay grows would pass old samples as new.
-    An answer takes the same way as they do. A delay beyond the jitter of a healthy link counts in full.
+    An answer takes the same way as they do. A delay beyond the jitter of a healthy link counts in full: of
+    more than 3 ms after two requests (26 ms), of more than 1 ms after 24 (0.3 s). Samples may thus be older
+    than stated by 1 ms, and for 0.3 s by 3 ms. A heartbeat shows no less: its period has the same jitter, is
+    longer, and drifts with the axis's clock.
 
     Attributes:
         latency_s: delay of newly arrived samples [s].
@@ -34,7 +39,7 @@ class AnswerDelay:
         self._next_s, self._lost_s = start_s, _LOST_SHARE * age_limit_s + usual_s
         self._asked_s, self._is_open = -inf, False
         self._answer, self._was_repeated, self.repeated = b"", False, 0
-        self._recent_s: deque[float] = deque(maxlen=2)
+        self._recent_s: deque[float] = deque(maxlen=max(_LATER_S))
 
     def is_due(self, now_s: float) -> bool:
         """Return whether to send a request now.
@@ -64,8 +69,11 @@ class AnswerDelay:
         if self._is_open:
             self._is_open, self._answer = False, data
             self._recent_s.append(max(arrived_s - self._asked_s, 0.0))
-            delay_s = min(self._recent_s)
-            self.latency_s = delay_s if delay_s > self.usual_s + _JITTER_S else self.usual_s
+            self.latency_s = self.usual_s
+            for count, later_s in _LATER_S.items():
+                delay_s = min(list(self._recent_s)[-count:])
+                if len(self._recent_s) >= count and delay_s > self.usual_s + later_s:
+                    self.latency_s = max(self.latency_s, delay_s)
         elif data != self._answer and not self._was_repeated:
             self._was_repeated = True
             self.repeated += 1
