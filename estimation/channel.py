@@ -188,9 +188,9 @@ class ChannelData:
     # Whether an object has recovered when a run begins, so that its relaxation in earlier runs has no effect.
     # None if the data are to decide.
     recovers: bool | None = field(default=None, compare=False)
-    # Units of the columns in the file, by quantity, such as {"displacement": "mm"}; empty if unknown. The
-    # arrays are in SI units, so these do not distinguish channels, and only messages use them.
-    units: Mapping[str, str] = field(default_factory=dict, compare=False)
+    # Units of the columns in the file, by quantity, such as {"displacement": "mm"}, or None if files differ.
+    # Empty if unknown. The arrays are in SI units. Messages use these, and they show what was recorded.
+    units: Mapping[str, str | None] = field(default_factory=dict, compare=False)
     # Doubts about times and motion that arose on reading the file.
     import_warnings: tuple[str, ...] = field(default=(), compare=False)
 
@@ -223,6 +223,16 @@ class ChannelData:
     def __len__(self) -> int:
         """Number of samples n."""
         return len(self.time_s)
+
+    @property
+    def has_time(self) -> bool:
+        """Whether times were recorded; otherwise rows are assumed to be 1 s apart."""
+        return not self.units or "time" in self.units
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether each sample is taken for a steady state: neither time nor position was recorded."""
+        return not self.has_time and "velocity" in self.units
 
     @property
     def engaged(self) -> BoolArray:

@@ -55,6 +55,8 @@ _WHOLE_TURN = 0.75  # range in turns above which wave numbers are whole numbers 
 _MIN_WAVES = 3  # least number of waves within a narrower range; fewer resemble any smooth law
 # Forces of the object, which can only push. Friction may act on the sides of the tool, and adhesion pulls.
 OBJECT_KINDS = frozenset({Kind.ELASTIC_SHAPE, Kind.RATE_DEPENDENCE, Kind.TIME_MEMORY, Kind.CONTACT_GEOMETRY})
+# Kinds that depend on the position, the time or the past motion.
+_OF_MOTION = {Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY, Kind.PERIODIC, Kind.GRAVITY_LOAD, Kind.DRIFT}
 COLLINEAR = 1e-9  # ridge penalty of the base model's columns, too small to shrink them
 GRAVITY_RANGE = 0.3  # [rad]; over a narrower range gravity resembles a constant and a spring
 
@@ -165,6 +167,8 @@ def flexible_laws(
 def unseen_kinds(data: ChannelData) -> frozenset[Kind]:
     """Find the kinds that a channel cannot show.
 
+    Without recorded times, a delay or an inertia has no meaning, and steady states show only laws of the
+    velocity, of a sensor's readings and of recorded signals.
     A joint whose effort is a stepwise command has no effort sensor, so sensor statics are excluded. In a
     contact, the motion may make a kind look like a law of the position.
 
@@ -176,10 +180,13 @@ def unseen_kinds(data: ChannelData) -> frozenset[Kind]:
     Args:
         data: the channel.
     """
+    unseen = set[Kind]() if data.has_time else {Kind.SENSOR_DYNAMICS, Kind.INERTIA}
+    if data.is_steady:
+        unseen |= _OF_MOTION
     if data.kind is not ChannelKind.CONTACT:
-        return frozenset({Kind.SENSOR_STATICS} if is_stepwise_command(data) else ())
+        return frozenset(unseen | ({Kind.SENSOR_STATICS} if is_stepwise_command(data) else set()))
     zero = zero_in_free_air(data)
-    unseen = {Kind.RATE_DEPENDENCE} if has_constant_speed(data.velocity[data.engaged]) else set[Kind]()
+    unseen |= {Kind.RATE_DEPENDENCE} if has_constant_speed(data.velocity[data.engaged]) else set()
     has_session_time = len(data.runs) > 1 and has_one_clock(data.time_s, data.run)
     if not has_session_time and (zero is None or zero.rate is None):
         unseen.add(Kind.DRIFT)

@@ -181,7 +181,9 @@ def joined_channels(parts: Sequence[ChannelData]) -> ChannelData:
         recorded=frozenset(first.recorded & set(names)),
         surface=first.surface if all(part.surface for part in parts) else None,
         position_step=max(part.position_step for part in parts),
-        units={n: unit for n, unit in first.units.items() if all(p.units.get(n) == unit for p in parts)},
+        units={
+            n: unit if all(p.units.get(n) == unit for p in parts) else None for n, unit in first.units.items()
+        },
         touching=None if all(part.touching is None for part in parts) else np.concatenate(touching),
         shared=None,
         import_warnings=tuple(dict.fromkeys(chain.from_iterable(part.import_warnings for part in parts))),

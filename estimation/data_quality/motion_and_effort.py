@@ -181,7 +181,7 @@ def no_contact(data: ChannelData) -> str | None:
     # Negative if a spring from the surface on has a negative stiffness.
     is_negative = float(depth @ (data.effort - air_level)) < 0.0
     if is_negative and trend < _NEGATIVE and not rises and misaligned(data) is None:
-        unit = data.units.get("force", "N")
+        unit = data.units.get("force") or "N"
         opposite = unit[1:] if unit.startswith("-") else f"-{'1' * unit[0].isalpha()}{unit}"
         return (
             f"force falls with depth (correlation {trend:.2f}); check the signs of force and displacement: "

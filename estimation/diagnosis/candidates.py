@@ -44,6 +44,9 @@ _EXCLUDED = {
     ChannelKind.PRISMATIC: frozenset({"inertia", "stiffness", "damping"}),
     ChannelKind.SERVO: frozenset({"inertia", "stiffness", "damping"}),
 }
+_OF_MOTION = frozenset(
+    {"position", "acceleration", "past motion", "time"}
+)  # signals unknown in steady states
 _BASES = frozenset({"rigid_body", "rigid_body_fitted"})
 
 
@@ -136,13 +139,14 @@ def applicable_effects(data: ChannelData, model: Model, effects: Iterable[Effect
     # If the model has a weight, a tilt changes its direction. Otherwise a tilt would be an arbitrary term in
     # sin and cos.
     skipped = _EXCLUDED[data.kind] | _BASES | present | {"weight" if present & HEAVY else "gravity_tilt"}
-    unseen = unseen_kinds(data)
+    unseen, unknown = unseen_kinds(data), _OF_MOTION if data.is_steady else frozenset[str]()
     return tuple(
         effect.suited_to(data)
         for effect in effects
         if effect.name not in skipped
         and not effect.name.startswith(RUN_PREFIX)
         and unseen.isdisjoint({effect.kind} | effect.also)
+        and unknown.isdisjoint(effect.signals)
         and effect.applies_to(data)
     )
 

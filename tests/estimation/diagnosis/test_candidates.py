@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from palpate.estimation.channel import ChannelKind
+from palpate.estimation.data.import_file import import_file
+from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.diagnosis.candidates import (
     _snaps,
     applicable_effects,
@@ -327,3 +329,37 @@ def test_object_deeper_than_its_tip_came_cannot_snap_through(share, is_rejected)
 def test_friction_over_the_position_is_seen_only_if_the_motion_reverses(data, applies):
     effect = EFFECTS["position_dependent_friction"]()
     assert (applicable_effects(data, Model("m", ()), [effect]) != ()) is applies
+
+
+def imported(path, columns, **units):
+    """The only channel of a table without a time."""
+    np.savetxt(
+        path, np.column_stack([*columns.values()]), delimiter=",", header=",".join(columns), comments=""
+    )
+    (channel,) = import_file(path, ImportOptions(units=units)).channels
+    return channel
+
+
+def test_steady_states_get_no_law_of_motion_or_time(tmp_path):
+    """A position that is integrated over rows is arbitrary, but a smooth law of it may fit any few rows."""
+    rng = np.random.default_rng(1)
+    speed, torque = np.repeat(np.linspace(-12.0, 12.0, 9), 8), rng.normal(0.0, 0.3, 72)
+    steady = imported(tmp_path / "s.csv", {"speed": speed, "torque": torque}, velocity="rad_s", torque="Nm")
+    tried = applicable_effects(steady, model("inertia", "viscous_friction"), effect_library())
+    assert {"coulomb_friction", "quadratic_friction", "bias"} <= {effect.name for effect in tried}
+    for effect in tried:
+        assert {"position", "acceleration", "past motion", "time"}.isdisjoint(effect.signals), effect.name
+
+
+def test_delay_needs_recorded_times(tmp_path):
+    depth = np.tile(np.abs(np.sin(np.arange(400) * 0.02)), 2)
+    columns = {"displacement_mm": depth, "force_N": 2.0 * depth + 0.01 * np.cos(np.arange(800))}
+    names = [
+        {e.name for e in applicable_effects(data, model("stiffness", "damping"), effect_library())}
+        for data in (
+            imported(tmp_path / "a.csv", columns),
+            imported(tmp_path / "b.csv", columns, time="10ms"),
+        )
+    ]
+    assert names[1] - names[0] >= {"delay", "lag", "inertia"}
+    assert "power_law_stiffness" in names[0]
