@@ -210,7 +210,7 @@ class Mine(AdditiveEffect):
         ("return depth[:, None]", "return depth", 14, "shape"),
         ("return depth[:, None]", "return 0.0 * depth[:, None]", 14, "zero throughout"),
         ("return depth[:, None]", "return 1e200 + depth[:, None]", 14, r"values beyond 1e\+30"),
-        ("return depth[:, None]", "return np.random.rand(len(depth), 1)", 14, "other values"),
+        ("return depth[:, None]", "return np.random.rand(len(depth), 1)", 14, "different values"),
         ('name = "mine"', 'name = "My name"', 8, "its name is"),
         ("(0.1, 10.0)", "(10.0, 0.1)", 12, "ascending order"),
         ("(0.1, 10.0)", "(0.1, 2e6)", 12, "exceeds -1e.06 to 1e.06"),

@@ -33,7 +33,7 @@ def answered(capsys, typed, *, yes=True):
         client = Client(page(""))
         asked = asyncio.create_task(ask(client))
         await asyncio.sleep(0)
-        code = re.search(r"type (\d{6}) there", capsys.readouterr().err)[1]
+        code = re.search(r"type (\d{6}) on the page", capsys.readouterr().err)[1]
         elements = list(client.elements.values())
         said = str([one._to_dict() for one in elements])
         assert "press with 8 N" in said
