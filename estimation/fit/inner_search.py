@@ -28,6 +28,7 @@ _SSE_TOLERANCE = 1e-5
 _STEP_TOLERANCE = 1e-4  # smallest step, relative to the distance from the start
 _CONVERGED_RATIO = 1.0001  # largest ratio to the predicted squared error at which a step has converged
 _CHANGES = (-0.3, -0.1, 0.1, 0.3)  # tried changes of inner parameters, relative to their values
+_RELEASE = 1e-3  # the same for a parameter at its bound, which may depend strongly on another one
 _STEP = 2e-3  # step of a finite difference
 
 
@@ -230,7 +231,8 @@ def optimize_inner(
     If the error falls considerably, the search is repeated from the new parameters, since the gains may not
     have converged. The error often depends on the square of a gain, as that of a damping whose phase a delay
     can replace. It then has a saddle where the gain is zero, on which a search can end; if a gain ends at its
-    bound or within its standard error of it, points around the result are tried too.
+    bound or within its standard error of it, points around the result are tried too. An inner parameter that
+    began at its bound was held there; values inside are tried once the others are optimal.
 
     Args:
         problem: data, noise weights and folds of the fit.
@@ -249,17 +251,18 @@ def optimize_inner(
 
 
 def _nearby_solutions(problem: FitProblem, solution: Solution) -> Iterator[Solution]:
-    """Yield solutions with one inner parameter changed, if a gain is not clearly away from a bound."""
+    """Yield solutions with one inner parameter changed: one at its bound, or any if a gain is near one."""
     model, values = solution.model, solution.parameters
     errors = solution.standard_errors
     distances = {n: min(abs(values[n] - end) for end in ends) for n, ends in model.gain_bounds.items()}
-    if all(distance > errors[name] for name, distance in distances.items()):
-        return
+    any_inner = any(distance <= errors[name] for name, distance in distances.items())
     for name, inner in model.inner.items():
-        if name in model.held:
+        is_at_bound = values[name] in {inner.lower, inner.upper}
+        if name in model.held or not (any_inner or is_at_bound):
             continue
-        for share in _CHANGES:
-            value = float(np.clip(values[name] + share * abs(values[name]), inner.lower, inner.upper))
+        size = abs(values[name]) or inner.typical[1] - inner.typical[0]
+        for share in (-_RELEASE, _RELEASE, *_CHANGES) if is_at_bound else _CHANGES:
+            value = float(np.clip(values[name] + share * size, inner.lower, inner.upper))
             changed = {**values, name: value}
             yield solve_gains(problem, model, changed, max_ratio=_CONVERGED_RATIO)
 

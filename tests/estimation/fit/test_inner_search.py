@@ -10,6 +10,7 @@ from palpate.estimation.effect import AdditiveEffect, Parameter
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit import inner_search
 from palpate.estimation.fit.fit_problem import solve_gains
+from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.fit.inner_search import (
     GridSearch,
     _midpoints,
@@ -21,6 +22,7 @@ from palpate.estimation.fit.inner_search import (
 )
 from palpate.estimation.model import Model
 from tests.estimation.fit.test_fit_problem import pressed, problem
+from tests.estimation.presses import channel
 
 
 @pytest.mark.parametrize(
@@ -180,3 +182,27 @@ def test_held_delay_keeps_its_value_even_beside_a_damping_at_its_bound(held, tim
     start = solve_gains(one, model, {"delay.time": 0.01})
     assert start.fixed >= {"damping.c"}
     assert optimize_inner(one, start).parameters["delay.time"] == pytest.approx(time_s, abs=2e-3 * (not held))
+
+
+def test_parameter_that_begins_at_its_bound_is_released():
+    """Share and exponent of a power law depend on each other: a step inside helps only if it is small."""
+    t = np.arange(0.0, 240.0, 0.5)
+    x = 0.004 * np.clip(t / 3.0, 0.0, 1.0) * (t < 200.0)
+    ages = t[:, None] - t[None, :] + 0.25
+    faded = np.where(ages > 0.0, np.maximum(ages, 0.25) ** -0.25, 0.0) @ np.diff(x, prepend=0.0)
+    force = 900.0 * (0.45 * x + 0.55 * faded)
+    force = np.where(x > 0.0, np.maximum(force, 0.0), 0.0)
+    force += np.random.default_rng(2).normal(0.0, 0.004, len(t))
+    data = channel(
+        np.tile(force, 2),
+        np.concatenate([t, t + 900.0]),
+        *(np.tile(s, 2) for s in (x, np.gradient(x, 0.5))),
+        np.repeat([0, 1], len(t)),
+    )
+    model = Model("m", tuple(EFFECTS[name]() for name in ("stiffness", "power_law_relaxation")))
+    fits = [
+        fit_model(data, model, {"power_law_relaxation.share": share, "power_law_relaxation.alpha": alpha})
+        for share, alpha in ((0.5, 0.25), (1.0, 0.09))
+    ]
+    assert fits[1].solution.sse == pytest.approx(fits[0].solution.sse, rel=1e-4)
+    assert fits[1].solution.parameters["power_law_relaxation.share"] == pytest.approx(0.55, abs=0.05)
