@@ -106,7 +106,7 @@ def test_error_for_unsupported_data_lists_the_supported_types(data):
     ],
 )
 def test_options_of_another_type_are_refused_by_name(options):
-    with pytest.raises(InputError, match=f"{next(iter(options))}=.*such as"):
+    with pytest.raises(InputError, match=f"{next(iter(options))}=.*: give"):
         ImportOptions(**options)
 
 
