@@ -370,7 +370,7 @@ class FreeMotion:
         if self._touched_ticks >= _TOUCH_TICKS:
             raise SafetyTripError(
                 f"{difference_n:.1f} N on the tool: remove the obstacle. If there is none, remove any load "
-                "from the tool: its weight acts in another direction when the tool turns"
+                "from the tool: its weight acts in a different direction when the tool turns"
             )
         return self._torque.step(measurement, motion, self._no_contact, dt_s)
 

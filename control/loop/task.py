@@ -82,7 +82,7 @@ class Task(Protocol):
         """
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """Compute one tick; an exception or an output of another shape stops the arm.
+        """Compute one tick; an exception or an output of a wrong shape stops the arm.
 
         Args:
             measurement: state of the arm.

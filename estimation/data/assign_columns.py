@@ -287,7 +287,8 @@ def _assign_by_options(table: Table, options: ImportOptions, shift: int) -> Chos
             if role is None:
                 valid = ", ".join([*QUANTITIES, RUN, PHASE])
                 raise InputError(
-                    f"--column: '{name}' is not a quantity with a unit. Quantities: {valid}; such as force_N"
+                    f"--column: '{name}' is not a quantity, or its unit is unknown. Quantities: {valid}, "
+                    "also with a unit, such as force_N"
                 )
             chosen[role.key] = (role, column)
     return chosen

@@ -2,7 +2,7 @@
 
 Torque control is position mode without gains and with feed-forward torque. A frame is a sequence of
 subframes; each writes or reads registers, or answers. Every frame sent here ends with the same request, so
-every answer has the same form; an answer of another form is refused.
+every answer has the same form; an answer of a different form is refused.
 
 Sources: mjbots/moteus of 2026-04-06, docs/protocol/can.md and registers.md (subframes, registers, faults);
 the order of answers: mjbots/mjlib, multiplex/micro_server.cc.

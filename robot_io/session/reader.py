@@ -66,7 +66,7 @@ class Session:
             raise SessionError("not a palpate session, or cut off near its start")
         if header.get("format_version") not in FORMAT_VERSIONS:
             version = header.get("format_version", "")[:20]
-            raise SessionError(f"format version '{version}'; this palpate reads {', '.join(FORMAT_VERSIONS)}")
+            raise SessionError(f"format version '{version}'; supported: {', '.join(FORMAT_VERSIONS)}")
         samples = {stream.name: _samples(stream, content) for stream in _streams(header)}
         events = tuple(map(decode_event, content.messages.get(EVENT_STREAM, [])))
         dropped = [

@@ -104,7 +104,7 @@ class Stream:
             columns: arrays of shape (n,) or (n, width), all of the same length n.
 
         Raises:
-            InputError: a column is missing, unknown, of another length or shape, or not a number.
+            InputError: a column is missing, unknown, of a wrong length or shape, or not a number.
         """
         arrays = self.arrays(columns)
         records = np.zeros(len(arrays[TIME_COLUMN]), self.dtype)

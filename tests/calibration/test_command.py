@@ -91,7 +91,7 @@ def test_zeros_from_a_pose_move_nothing_and_a_large_shift_is_reported(tmp_path):
         (("encoder", "--from", "x.mcap", "--lower-stops", "0,0,0"), ("--from", "--lower-stops")),
         (("torque", "--robot", "nobody"), ("nobody", "follower")),
         (("gravity", "--from", "missing.mcap"), ("missing.mcap", "no such file")),
-        (("torque", "--robot", "follower", "--wire"), ("without wires",)),
+        (("torque", "--robot", "follower", "--wire"), ("without devices",)),
     ],
 )
 def test_invalid_options_are_refused_in_one_line(tmp_path, monkeypatch, arguments, words):

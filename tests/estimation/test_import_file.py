@@ -372,7 +372,7 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
             {},
             "columns 'Load A [N]' and 'Load B [N]' may hold force; choose with --column force=",
         ),
-        ({}, {"columns": {"colour_N": "force_N"}}, "not a quantity with a unit"),
+        ({}, {"columns": {"colour_N": "force_N"}}, "is not a quantity, or its unit is unknown"),
         ({"displacement_mm": X}, {}, "'displacement_m' and 'displacement_mm' both hold displacement"),
         ({"run": ["long"] * 47 + ["short"] * 3}, {}, "run 'short' has 3 rows, at least 5"),
         ({"phase": ["hold", "squeeze"] + ["hold"] * 48}, {}, "no phase is called 'squeeze'. Valid"),

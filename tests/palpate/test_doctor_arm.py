@@ -553,7 +553,7 @@ def test_simulated_arm_is_probed_and_a_failure_is_exit_code_1_also_as_json():
     ("arguments", "word"),
     [
         (("--wire",), "--robot"),
-        (("--robot", "follower", "--wire"), "without wires"),
+        (("--robot", "follower", "--wire"), "without devices"),
         (("--robot", DYNAMIXEL, "--as-built", DYNAMIXEL), "--wire"),
         (("--robot", DYNAMIXEL, "--as-built", ODRIVE, "--wire", "--move"), "--yes"),
         (("--robot", DYNAMIXEL, "--as-built", ODRIVE, "--wire"), "{'motors': 'odrive_bus'"),

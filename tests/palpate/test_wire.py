@@ -77,7 +77,7 @@ def test_arm_without_torque_mode_estimates_a_stiffness(tmp_path):
 
 def test_invalid_wire_options_are_refused(tmp_path):
     path = tmp_path / "no.mcap"
-    assert_refused(run("probe", "--wire", "-o", path), "follower", "without wires")
+    assert_refused(run("probe", "--wire", "-o", path), "follower", "without devices")
     assert not path.exists()
     path = tmp_path / "no.mcap"
     robot = ROOT / "robots/odrive_3dof.yaml"

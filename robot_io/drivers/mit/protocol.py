@@ -251,7 +251,7 @@ class MitFrames:
         """
         data = frame.data
         if not self.is_about_register(frame, motor_id) or data[2] != READ:
-            raise ProtocolError(f"not an answer of motor {motor_id} with a register: {data.hex(' ')}")
+            raise ProtocolError(f"not a register answer of motor {motor_id}: {data.hex(' ')}")
         if data[3] != register.number:
             raise ProtocolError(f"the answer holds register {data[3]} instead of {register.number}")
         (value,) = struct.unpack(register.format, data[4:])

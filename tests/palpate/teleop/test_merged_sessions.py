@@ -126,7 +126,7 @@ def test_slow_machine_is_reported_with_its_figures():
     nothing = ForceComparison(*[np.zeros(0)] * 3, np.zeros(0, bool))
     summary = TeleopDemo(slow, nothing, nothing, {}, ended_early=True).slowness_summary()
     assert "too slow" in summary
-    assert "ended after" in summary
+    assert "stopped after" in summary
 
 
 def test_rendered_estimate_keeps_its_target():
