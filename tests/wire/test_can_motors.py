@@ -229,6 +229,20 @@ def test_duplicate_motor_id_during_a_run_is_a_fault_that_is_named(make_robot, pa
     assert said in arm.robot.bus_errors["motors"]
 
 
+@ASKED
+def test_problem_before_a_valid_answer_is_no_cause_of_a_later_silence(make_robot, path):
+    arm = make_robot(path).start()
+    nodes = arm.arm.wires["motors"]._nodes
+    add_twin(arm)
+    arm.tick()
+    arm.arm.wires["motors"]._nodes = nodes
+    arm.ticks(20)
+    arm.inject_fault("motors", FaultKind.DROP, device=1)
+    arm.ticks(6)
+    assert "joint 1 (motor 1): nothing valid" in arm.problem
+    assert "do two motors" not in arm.problem
+
+
 def test_damiao_motors_with_the_factory_master_id_are_named(make_robot):
     arm = make_robot(DAMIAO)
     for motor in arm.motors:

@@ -425,7 +425,7 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
                 self._contradictions[joint] += 1
                 self._motion_is_wrong[joint] |= self._contradictions[joint] >= _CONTRADICTIONS
             elif requested:
-                self._contradictions[joint] = 0
+                self._contradictions[joint], self._last_problem[joint] = 0, ""
                 self._newest[joint] = requested[-1]
                 self._errors[joint], self._enabled[joint] = self._condition(requested[-1])
             state = self._newest[joint]
