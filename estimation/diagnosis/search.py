@@ -456,7 +456,10 @@ def prepare_search(  # noqa: PLR0917
     chosen = _select_runs(blocked)
     if blocked.rows.shape[1] == 1 and chosen.all():
         return full_search
-    copy, good_copy = replace(decimate(blocked).select(chosen), shared=data.shared), blocked.trusted[chosen]
+    copy, good_copy = decimate(blocked).select(chosen), blocked.trusted[chosen]
+    # Signals that were derived for the base model, such as its load, differ for other models.
+    recorded = {name: copy.context[name] for name in data.context}
+    copy = replace(copy, shared=data.shared, context=recorded)
     if not block_average(copy, good_copy).can_hold_out:
         return full_search
     return replace(full_search, coarse=Search(copy, model, good_copy, effects, rng, progress))

@@ -25,9 +25,10 @@ from palpate.estimation.fit.measurement_model import identify_measurement_model
 from palpate.estimation.kinds import Kind
 from palpate.estimation.model import Model
 from tests.estimation.presses import NOISE_N, session
-from tests.estimation.searches import PRESS, SWING, measured, reached, searched
+from tests.estimation.searches import PRESS, ROTOR, SWING, measured, reached, searched
 from tests.estimation.swings import INERTIA, WEIGHT
 from tests.estimation.swings import coarse_swings as swings
+from tests.estimation.swings import swings as all_swings
 
 BASE = SWING.effects
 
@@ -243,6 +244,21 @@ def test_mostly_excluded_recording_is_searched_by_the_other_runs(whole_budget):
     data = ChannelData("contact", ChannelKind.CONTACT, t + run, *signals, run, run * 0 - 1)
     search = prepare_search(data, PRESS, run < 3, (), np.random.default_rng(0))
     assert Kind.ELASTIC_SHAPE in analyze_kinds(search.coarse or search).kinds
+
+
+def test_load_on_the_coarse_copy_is_that_of_each_model():
+    """The load of a rotor without weight, whose inertia is fitted as zero, is no load of a pendulum."""
+    data = all_swings(
+        1,
+        lambda q, v, a: 0.1 * np.abs(INERTIA * a + WEIGHT * np.sin(q)) * np.tanh(v / 0.02),
+        seconds=12.0,
+        rate_hz=500.0,
+    )
+    search = searched(data, "weight", "load_dependent_friction", base=ROTOR)
+    assert np.ptp(search.coarse.start.data.context["load"]) == 0.0
+    end = reached(search.coarse, "weight", "load_dependent_friction")
+    assert np.ptp(end.data.context["load"]) > WEIGHT
+    assert end.solution.parameters["load_dependent_friction.mu"] == pytest.approx(0.1, rel=0.05)
 
 
 def test_each_form_of_an_effect_is_a_model_of_its_own():
