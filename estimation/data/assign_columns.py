@@ -247,6 +247,7 @@ def assign_columns(table: Table, options: ImportOptions) -> ColumnAssignment:
     return ColumnAssignment(table, assigned, run, phase, tuple(notes), two_sided, shift)
 
 
+_FAR_FROM_ZERO = 2.0  # ratio of a displacement's mean to its range above which its zero decides the stiffness
 _ROW_NUMBER = "row number"  # column that stands for the time if there is none and its unit is given
 
 
@@ -487,6 +488,13 @@ def _orient_signs(
             f"'{force.column}' varies at every displacement, so there is no free air: the data are "
             "read as an element held at both ends, without a surface"
         )
+        recorded = depth.factor * units.table.numbers(depth.column)
+        if abs(np.mean(recorded)) > _FAR_FROM_ZERO * np.ptp(recorded):
+            note += (
+                f"; its displacement moves by only {1e3 * np.ptp(recorded):.2g} mm at "
+                f"{1e3 * np.mean(recorded):.2g} mm, so its zero decides the stiffness: subtract the "
+                "displacement of the unloaded element"
+            )
     else:
         note = (
             f"{names} and change sign together: they are read as an element that pulls and pushes, without a "

@@ -290,3 +290,12 @@ def test_relaxing_stretched_fiber_is_held_at_both_ends(sign):
 def test_pure_force_noise_is_not_two_sided():
     noise = np.random.default_rng(3).normal(0.0, 0.05, len(PRESS_X))
     assert not press_sides(PRESS_X + 0.0035, noise).two_sided
+
+
+@pytest.mark.parametrize(("middle_m", "warned"), [(-0.66e-3, True), (0.02e-3, False)])
+def test_element_far_from_its_zero_is_said_to_depend_on_it(middle_m, warned):
+    """A probe that slides under a load, and whose height is a coordinate of the machine."""
+    way = middle_m + 3e-5 * np.sin(W * T)
+    read = element(-2.0 + 0.5 * np.sin(3.0 * W * T), displacement_m=way)
+    said = " ".join(read.notes)
+    assert ("its zero decides the stiffness" in said) == warned, said
