@@ -29,6 +29,7 @@ _STEP_TOLERANCE = 1e-4  # smallest step, relative to the distance from the start
 _CONVERGED_RATIO = 1.0001  # largest ratio to the predicted squared error at which a step has converged
 _CHANGES = (-0.3, -0.1, 0.1, 0.3)  # tried changes of inner parameters, relative to their values
 _RELEASE = 1e-3  # the same for a parameter at its bound, which may depend strongly on another one
+_RELEVANT = 1e-4  # least relative decrease of the squared error for which a parameter leaves its bound
 _STEP = 2e-3  # step of a finite difference
 
 
@@ -246,8 +247,17 @@ def optimize_inner(
             break
     lower = next((near for near in _nearby_solutions(problem, solution) if near.sse < solution.sse), None)
     if lower is not None:
-        solution = _optimize_once(problem, lower, tolerance, step)
+        released = _optimize_once(problem, lower, tolerance, step)
+        keeps_bounds = _at_bounds(solution) <= _at_bounds(released)
+        if keeps_bounds or released.sse < (1.0 - _RELEVANT) * solution.sse:
+            solution = released
     return replace(solution, parameters=solution.model.in_order(solution.parameters))
+
+
+def _at_bounds(solution: Solution) -> set[str]:
+    """Return the names of the inner parameters at a bound."""
+    values, inner = solution.parameters, solution.model.inner
+    return {name for name, parameter in inner.items() if values[name] in {parameter.lower, parameter.upper}}
 
 
 def _nearby_solutions(problem: FitProblem, solution: Solution) -> Iterator[Solution]:
@@ -256,12 +266,12 @@ def _nearby_solutions(problem: FitProblem, solution: Solution) -> Iterator[Solut
     errors = solution.standard_errors
     distances = {n: min(abs(values[n] - end) for end in ends) for n, ends in model.gain_bounds.items()}
     any_inner = any(distance <= errors[name] for name, distance in distances.items())
+    at_bounds = _at_bounds(solution)
     for name, inner in model.inner.items():
-        is_at_bound = values[name] in {inner.lower, inner.upper}
-        if name in model.held or not (any_inner or is_at_bound):
+        if name in model.held or not (any_inner or name in at_bounds):
             continue
         size = abs(values[name]) or inner.typical[1] - inner.typical[0]
-        for share in (-_RELEASE, _RELEASE, *_CHANGES) if is_at_bound else _CHANGES:
+        for share in (-_RELEASE, _RELEASE, *_CHANGES) if name in at_bounds else _CHANGES:
             value = float(np.clip(values[name] + share * size, inner.lower, inner.upper))
             changed = {**values, name: value}
             yield solve_gains(problem, model, changed, max_ratio=_CONVERGED_RATIO)
