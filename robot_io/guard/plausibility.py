@@ -31,6 +31,11 @@ jumps is ignored. A reading that is exactly constant for 0.1 s has no noise, how
 resolution excuses no more than a twentieth of the torque limit: a drive that no longer measures any torque is
 found from an eighth of its limit on. A small torque is not expected of a drive that has never measured so
 small a torque of that sign.
+
+A drive whose reading is frozen elsewhere exerts its torque, but would no longer be watched. A reading is
+frozen if it is exactly constant while the commands that it must have shown change by more than dead band and
+resolution of a working drive explain. An amplifier in saturation is constant too: at the end of the readings
+so far, and only for commands that are not much smaller than the reading.
 """
 
 from math import inf, isfinite, log, nan
@@ -309,6 +314,10 @@ _JUMP_SHARE = 0.02  # weight of a new jump in that mean
 _CONSTANT_S = 0.1  # time without a jump after which they excuse
 _COARSEST_SHARE = 0.05  # no more than this share of the torque limit
 _DISOBEYED_SAMPLES = 5  # consecutive samples before it counts, at any sample rate
+_FROZEN_SHARE = 0.05  # share of the torque limit, beyond resolution, by which commands change for one reading
+_DEAD_SHARE = 0.05  # share of the torque limit that may be lost around zero
+_FROZEN_INTERVALS = 3  # intervals that have begun since, after which the second last was not shown at all
+_LARGEST_GAIN = 4.0  # ratio of a reading to its torque, at most
 _HABIT_S = 1.0  # time constant with which a deviation becomes usual;
 _FIRST_S = 0.05  # for this time after the first command,
 _FIRST_HABIT_S = 0.01  # this time constant
@@ -321,18 +330,28 @@ _DRIVE_REMEDY = (
 )
 
 
+def _joined(one_nm: tuple[float, float], two_nm: tuple[float, float]) -> tuple[float, float]:
+    """Return the smallest range (low, high) that contains two ranges."""
+    return min(one_nm[0], two_nm[0]), max(one_nm[1], two_nm[1])
+
+
 class _Drive:
     """Recent commands and usual readings of one drive."""
 
     __slots__ = (
-        *("before_nm", "changed_at_s", "clear_nm", "coarsest_nm", "count", "floor_nm", "high_nm"),
-        *("jump_nm", "jumps", "low_nm", "measured_nm", "obeyed_at_s", "sent_nm", "usually_off_nm"),
+        *("before_nm", "changed_at_s", "clear_nm", "coarsest_nm", "count", "expected_nm", "floor_nm"),
+        *("high_nm", "jump_nm", "jumps", "limit_nm", "low_nm", "measured_nm", "obeyed_at_s", "range_nm"),
+        *("sent_nm", "unchanged", "usually_off_nm"),
     )
 
     def __init__(self, limit_nm: float) -> None:
+        self.limit_nm = limit_nm
         self.floor_nm, self.coarsest_nm = _FLOOR_SHARE * limit_nm, _COARSEST_SHARE * limit_nm
         # Lowest and highest command: in this interval, in the previous one, and in both.
         self.sent_nm = self.before_nm = (inf, -inf)
+        # Lowest and highest reading; lowest and highest command that the present reading should show.
+        self.range_nm = self.expected_nm = (inf, -inf)
+        self.unchanged = 0  # intervals that have begun since the reading changed
         self.measured_nm = nan
         self.jump_nm = inf  # resolution unknown until the reading changes
         # Smallest torques that were clearly measured, by sign.
@@ -349,6 +368,9 @@ class _Drive:
                 the one before.
         """
         if is_next:
+            self.unchanged += 1
+            if self.unchanged >= _FROZEN_INTERVALS:
+                self.expected_nm = _joined(self.expected_nm, self.before_nm)
             self.before_nm, self.sent_nm = self.sent_nm, (torque_nm, torque_nm)
         low_nm, high_nm = self.sent_nm
         low_nm = torque_nm if torque_nm < low_nm else low_nm
@@ -369,7 +391,8 @@ class _Drive:
         self.measured_nm = measured_nm
         if jump_nm > 0.0:
             self.jumps += 1
-            self.changed_at_s = at_s
+            self.changed_at_s, self.unchanged, self.expected_nm = at_s, 0, (inf, -inf)
+            self.range_nm = _joined(self.range_nm, (measured_nm, measured_nm))
             mean_nm = self.jump_nm if self.jumps > 1 else jump_nm
             self.jump_nm = mean_nm + (jump_nm - mean_nm) * max(_JUMP_SHARE, 1.0 / self.jumps)
 
@@ -393,6 +416,21 @@ class _Drive:
             self.clear_nm[sign] = min(self.clear_nm[sign], most_nm)
         missing_nm += min(sign * self.usually_off_nm, 0.0)
         return missing_nm > may_be_nm and least_nm >= _SMALLER * self.clear_nm[sign]
+
+    def is_frozen(self) -> bool:
+        """Return whether the reading is constant although a working drive would have changed it."""
+        if not self.jumps:
+            return False
+        low_nm, high_nm = self.expected_nm
+        dead_nm = _DEAD_SHARE * self.limit_nm
+        may_be_nm = _FROZEN_SHARE * self.limit_nm + 2.0 * min(_JUMPS * self.jump_nm, self.coarsest_nm)
+        may_be_nm += 2.0 * dead_nm if abs(self.measured_nm) <= dead_nm else 0.0
+        if not high_nm - low_nm > may_be_nm:
+            return False
+        if self.range_nm[0] < self.measured_nm < self.range_nm[1]:
+            return True
+        least_nm = low_nm if self.measured_nm >= 0.0 else -high_nm  # in the direction of the reading
+        return least_nm < abs(self.measured_nm) / _LARGEST_GAIN
 
 
 class UnresponsiveDrives:
@@ -450,6 +488,13 @@ class UnresponsiveDrives:
         torques_nm = measurement.joint_torque_nm.tolist()
         for joint, (drive, measured_nm) in enumerate(zip(self._drives, torques_nm, strict=True), 1):
             drive.shows(measured_nm, sampled_at_s)
+            if is_judged and sampled_at_s - drive.changed_at_s >= self._time_s and drive.is_frozen():
+                low_nm, high_nm = drive.expected_nm
+                return Problem(
+                    f"joint {joint}: its measured torque is stuck at {measured_nm:.2f} N m while "
+                    f"{low_nm:.2f} to {high_nm:.2f} N m were sent",
+                    _DRIVE_REMEDY,
+                )
             if not (is_judged and drive.is_missing(sampled_at_s)):
                 drive.count, drive.obeyed_at_s = 0, sampled_at_s
                 off_nm = measured_nm - clip(measured_nm, drive.low_nm, drive.high_nm)

@@ -130,6 +130,25 @@ def test_constant_offset_and_late_reading_are_not_reported(wear, before_nm, from
     assert ticks_until_named(UnresponsiveDrives(LIMITS), drive.show, sent, count=count) is None
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(
+    "wear",
+    [
+        *({"most": 12.0}, {"most": 12.0, "gain": 3.0}, {"dead": 0.05 * 37.0}, {"step": 0.05 * 37.0}),
+        *({"dead": 1.0, "step": 1.0, "gain": 0.6}, {"gain": 0.0}, {"late": 90}, {"lag_s": 0.06}),
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize(("mean_nm", "swing_nm"), [(12.0, 10.0), (0.0, 4.0), (5.0, 0.0)])
+def test_constant_reading_of_a_working_drive_is_not_reported(wear, mean_nm, swing_nm, side):
+    """Saturated, in its dead band, between two steps, or at rest."""
+    if wear.get("gain") == 0.0:
+        mean_nm = 0.0 if swing_nm else mean_nm
+    drive = HealthyDrive(**wear)
+    sent = lambda k: side * (mean_nm + swing_nm * math.sin(3.0 * k * DT))  # noqa: E731
+    assert ticks_until_named(UnresponsiveDrives(LIMITS), drive.show, sent) is None
+
+
 SMALL_NM = 4.0  # limit of a small drive
 SMALL_WEAR = {
     "dead band": {"dead": 0.05 * SMALL_NM},
@@ -233,6 +252,19 @@ NAMED = {  # changed limits, what is shown, what is sent, ticks a sample; the fi
         1,
         (600, 612),  # 0.1 s and the limit of 10 ms
     ),
+    **{  # what is sent is excused for up to 0.2 s
+        f"a torque that stays at {frozen_nm} N m": (
+            {},
+            lambda frozen_nm=frozen_nm, since=since: lambda k, sent: sent if k < since else frozen_nm,
+            lambda k: 7.0 + 5.5 * math.sin(2e-3 * math.pi * k),
+            1,
+            (first, first + 210),
+        )
+        for frozen_nm, since, first in (
+            (7.0, 500, 700),  # when 1.85 N m less are sent
+            (12.5, 1250, 1622),  # the largest so far, when less than a quarter is sent
+        )
+    },
     "a constant torque that was sent long ago": (
         {},
         lambda: lambda k, sent: sent if k < 500 else 6.0,
