@@ -190,11 +190,13 @@ def _next_steps(  # noqa: PLR0917, what was typed and found
         own_effect = "try an effect that you write (docs/reference/effects.md)"
         yield f"palpate diagnose {again} --effect FILE.py:CLASS", own_effect
     if all(study.refusal(study.channel(channel.channel)) for channel in diagnosis.channels):
-        too_little = any("; record" in channel.reason for channel in diagnosis.channels)
-        if too_little and study.source.session is None and data.file.is_file():
-            yield (f"palpate import {shell_path(data.file)} FILE ... --look", "import more files as runs")
-        base = data.command_text(model=typed["model"])
-        yield f"palpate estimate {base}", "the parameters of the base model"
+        reading = data.command_text(**dict.fromkeys(["effect", "urdf", "tip-frame", "held-out"]))
+        remedy = f"palpate import {reading} --look", "check columns, units and ranges"
+        if study.source.session is not None:
+            remedy = f"palpate inspect {shell_path(data.file)}", "see it in Rerun"
+        elif data.file.is_file() and any("; record" in channel.reason for channel in diagnosis.channels):
+            remedy = f"palpate import {shell_path(data.file)} FILE ... --look", "import more files as runs"
+        yield remedy
         return
     only = None if typed["channel"] == ALL_CHANNELS else typed["channel"]
     is_adequate = all(channel.verdict is Verdict.ADEQUATE for channel in diagnosis.channels)

@@ -126,7 +126,7 @@ def test_insufficient_data_get_the_reason(tmp_path):
     assert result.stdout.startswith("INSUFFICIENT  contact")
     assert "only 51 samples" in result.stdout
     assert "channel 'contact'" not in result.stdout  # the verdict gives the reason
-    assert [words[0] for words in next_commands(result)] == ["import", "estimate"]
+    assert [words[0] for words in next_commands(result)] == ["import"]
     (words,) = next_commands(run("estimate", one))
     assert words[0] == "diagnose"
 
@@ -136,7 +136,7 @@ def test_more_files_are_requested_only_for_too_few_runs(tmp_path):
     columns = press_columns(still)
     result = run("diagnose", write_table(still, **columns | {"force_N": columns["force_N"] * 0.0 + 1.0}))
     assert "the effort never changes" in result.stdout
-    assert [words[0] for words in next_commands(result)] == ["estimate"]
+    assert next_commands(result) == [["import", str(still), "--look"]]
 
 
 def rewritten(path, name, values, change):
