@@ -1,5 +1,6 @@
 """Decide which channels the columns of a data file form, or explain why they form none."""
 
+import re
 import shlex
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -180,37 +181,32 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         return f"{needed}; the meaning of each column is unknown; name the columns, as in {example}"
     found: dict[str, str] = {}  # column of each quantity
     guesses = guess_columns(table.names, clocks_of(table.columns))
+    # Words count more than units that may stand for a force, and angles come first.
+    by_word = {guess.column: guess.quantity or _quantity_by_word(guess.column) for guess in guesses}
     dimension_by_name = {name: dimension_of(unit_in_name(name)) for name in table.names}
-    # Angles come first, and quantities that may stand for a force last.
-    guesses.sort(key=lambda g: (not is_angle(g.column), dimension_by_name[g.column] in PROXIES))
-    for guess in guesses:
-        name, dimension = guess.column, dimension_by_name[guess.column]
+    proxies = {name for name, dimension in dimension_by_name.items() if dimension in PROXIES}
+    for name in sorted(by_word, key=lambda n: (not is_angle(n), n in proxies, not by_word[n])):
+        dimension = dimension_by_name[name]
         by_unit = (quantity for quantity in _UNITS if dimension in QUANTITIES[quantity])
-        quantity = guess.quantity or quantity_in(name) or next(by_unit, "")
-        is_signal = (
-            _is_clock(table, name) if quantity == "time" else quantity in EFFORTS or table.varies(name)
-        )
-        if table.numeric_share(name) > 0.5 and is_signal:
+        quantity = by_word[name] or next(by_unit, "")
+        if table.numeric_share(name) > 0.5 and (quantity in EFFORTS or _is_signal(table, name, quantity)):
             found.setdefault(quantity, name)
     found |= {key[0]: assigned.column for key, assigned in columns.assigned.items()}
-    if found.keys().isdisjoint(EFFORTS):
-        return (
-            f"by names and units, no column seems to hold a force or torque; {needed}; if a column holds it, "
-            "or the command of a drive, add --column force_N=COLUMN or --column torque_Nm=COLUMN; if another "
-            "file with the same rows holds it, give both files"
-        )
-    if found.keys().isdisjoint({"position", "displacement"}):
-        needed = f"by names and units, no column seems to hold a position or displacement; {needed}"
-    turns = "force" not in found or is_angle(found.get("position", ""))
-    if turns:
+    kinds = (("force or torque", EFFORTS), ("position or displacement", ("position", "displacement")))
+    if lacking := [words for words, quantities in kinds if found.keys().isdisjoint(quantities)]:
+        needed = f"by names and units, no column seems to hold a {', or a '.join(lacking)}; {needed}"
+    has_effort = not found.keys().isdisjoint(EFFORTS)
+    turns = "force" not in found if has_effort else "position" in found and "displacement" not in found
+    turns |= is_angle(found.get("position", ""))
+    if turns and has_effort:
         found.setdefault("torque", found.get("force", ""))
-    elif "position" in found:
+    elif not turns and "position" in found:
         found.setdefault("displacement", found["position"])
     options = [f"--column time={shlex.quote(found['time'])}"] if "time" in found else []
     given = {key[0]: assigned.unit for key, assigned in columns.assigned.items()}
     for quantity in ("position", "torque") if turns else ("displacement", "force"):
-        if quantity not in found:
-            options.append(f"--column {quantity}=COLUMN")
+        if quantity not in found:  # the unit prevents a further question
+            options.append(f"--column {quantity}{'' if has_effort else '_' + _UNITS[quantity]}=COLUMN")
             continue
         options.append(f"--column {quantity}={shlex.quote(found[quantity])}")
         dimension = dimension_by_name[found[quantity]]
@@ -221,12 +217,25 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
             missing = ColumnUnits(table, NO_OPTIONS).missing({role.key: (role, found[quantity])})
             counts = (option for _, option in missing if not dimension and "=0.0" in option)
             options.append(next(counts, f"--unit {quantity}={'1' if dimension else ''}{_UNITS[quantity]}"))
-    return f"{needed}; name the columns, as in {explain_numbers(' '.join(options))}"
+    proposed = explain_numbers(" ".join(options))
+    if has_effort:
+        return f"{needed}; name the columns, as in {proposed}"
+    interval = "" if "time" in found else "; without a time, --unit time=10ms states the interval of rows"
+    return (
+        f"{needed}; if columns hold them, or the command of a drive, name them, as in {proposed}{interval}; "
+        "if another file with the same rows holds them, give both files"
+    )
 
 
-def _is_clock(table: Table, name: str) -> bool:
-    """Return whether a column increases, possibly repeating times, and restarting in each run."""
-    return table.varies(name) and _rising_share(table.select(table.filled_rows(name)), name) > _RISES
+def _quantity_by_word(name: str) -> str:
+    """Return the quantity that a word in a name means, or the letter in front, as in "F_arm"."""
+    return quantity_in(name) or "force" * (re.match(r"[Ff][xyz]?_", name) is not None)
+
+
+def _is_signal(table: Table, name: str, quantity: str) -> bool:
+    """Return whether the filled cells of a column vary; those of a clock increase, and may repeat times."""
+    filled = table.select(table.filled_rows(name))
+    return filled.varies(name) and (quantity != "time" or _rising_share(filled, name) > _RISES)
 
 
 def _rising_share(table: Table, name: str) -> float:

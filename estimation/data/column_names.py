@@ -499,7 +499,7 @@ def guess_column(name: str, *, anywhere: bool = False) -> RoleGuess:
         unit = read_as(unit, QUANTITIES["torque"])
     quantity, rank = _match_words("".join(letters), letters, unit, anywhere=anywhere) if letters else ("", 0)
     rank = min(rank, _BY_WORD) if is_count else rank
-    if not quantity:
+    if not quantity or (quantity == "position" and "power" in letters):  # q is a reactive power
         return RoleGuess(name, "")
     if quantity not in _MOTION_OR_TORQUE:
         joint = None

@@ -76,6 +76,11 @@ def read_excel_table(path: Path, selected: str) -> FileColumns:
             f"{path}: no sheet has a row of column names above rows of numbers. Its sheets: "
             f"{list_first([repr(name) for name in book.sheet_names])}"
         )
+    if selected in book.sheet_names and selected not in {table.sheet for table in tables}:
+        raise InputError(
+            f"--table {selected}: {path}: in this sheet, no row of column names is directly above rows of "
+            "numbers; remove other cells above and beside the table"
+        )
     blocks = [TableBlock(table.title, table.layout.names, len(table.rows)) for table in tables]
     chosen, omitted = same_columns(blocks, selected, path)
     same_tables = [tables[place] for place in chosen]

@@ -7,11 +7,12 @@ import numpy as np
 
 from palpate.control.loop.task import Phase
 from palpate.estimation.data.assign_columns import ColumnAssignment
-from palpate.estimation.data.column_names import DISPLACEMENT, FORCE, RUN, TIME
+from palpate.estimation.data.column_names import DISPLACEMENT, FORCE, RUN, TIME, guess_columns
 from palpate.estimation.data.file_columns import list_first
+from palpate.estimation.data.measured_derivatives import mistaken_scale
 from palpate.estimation.data.presses import cut_into, cut_presses, number_recordings
 from palpate.estimation.data.table import Table
-from palpate.estimation.data.units import MIN_INCREASE_S
+from palpate.estimation.data.units import MIN_INCREASE_S, dimension_of, si_factor
 from palpate.estimation.signals.blocks import blocks, since_start
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray, IntArray
@@ -23,6 +24,8 @@ _GAP, _QUICK = 1.5, 0.75  # least step of a gap and largest step in a burst, rel
 _FEW_GAPS, _MAX_BURST = 0.05, 50  # largest share of gaps; most steps of a gap and its burst
 # Longest unit of a counter, and its longest step at an overflow, relative to the usual step.
 _MAX_COUNT_S, _MAX_OVERFLOW_STEP = 1e-3, 10.0
+# Parts of a file in which a velocity must agree with the motion, and largest ratio of the intervals.
+_PARTS, _SAME_INTERVAL = 3, 1.05
 _MIN_ROWS = 5  # least number of samples in a run; with fewer the acceleration is meaningless
 _REPEATED_NOTE = (  # note with the number of rows and the column
     "repeats times: {0} rows are spaced evenly up to the next time; if this column is not the time of each "
@@ -75,8 +78,7 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
     if TIME not in columns:
         notes.append(
             "no time column: rows are assumed to be 1 s apart, so speeds, damping, inertia and relaxation "
-            f"times are not in seconds; {columns.clock_advice}; if rows are evenly spaced, give their "
-            "interval, as in --unit time=10ms"
+            f"times are not in seconds; {columns.clock_advice}; {_interval_advice(columns, run)}"
         )
     elif (added_s := float(np.max(times_s - columns.values(TIME)))) > 0.0:
         notes.append(
@@ -113,6 +115,31 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
             f"--where, or check the column '{columns.run}', which names the runs"
         )
     return replace(rows, time_s=since_start(time_s, run)) if fresh else rows
+
+
+def _interval_advice(columns: ColumnAssignment, run: IntArray) -> str:
+    """Propose the interval of rows that a recorded velocity implies, if it is the same in all parts."""
+    rows, names, ratios = np.argsort(run, kind="stable"), list[str](), list[float]()
+    for guess in guess_columns(columns.table.names):
+        joint = 0 if guess.joint is None else guess.joint + columns.shift
+        position = columns.assigned.get(("position", joint))
+        if guess.quantity != "velocity" or position is None or not columns.table.varies(guess.column):
+            continue
+        in_same_unit = dimension_of(guess.unit) != f"{position.dimension}_rate"
+        velocity = columns.table.numbers(guess.column)
+        velocity = velocity * (abs(position.factor) if in_same_unit else si_factor(guess.unit))
+        moved = columns.values(("position", joint))
+        parts = (
+            mistaken_scale(np.arange(float(len(part))), moved[part], velocity[part], run[part])
+            for part in np.array_split(rows, _PARTS)
+        )
+        if found := [ratio for ratio in parts if ratio is not None]:
+            names.append(f"'{guess.column}'" + f", if it is in {position.unit}/s" * in_same_unit)
+            ratios += found
+    if len(ratios) < _PARTS or not 0.0 < max(ratios) < _SAME_INTERVAL * min(ratios):  # not if one is NaN
+        return "if rows are evenly spaced, give their interval, as in --unit time=10ms"
+    interval = f"{1e3 / float(np.median(ratios)):.3g}"
+    return f"rows are {interval} ms apart according to {names[0]}: add --unit time={interval}ms"
 
 
 def _times(columns: ColumnAssignment) -> FloatArray:

@@ -22,7 +22,7 @@ def read_json(path: Path) -> FileColumns:
 
     A table is a list of records, a mapping of columns of equal length, or a list of rows. Nested values of
     records get names such as "joint.position". An adjacent list may name the columns of rows. Several tables
-    with a clock and the same columns, in a list or a mapping, are runs.
+    with a clock and the same columns, in a list or a mapping, are runs. A table may be in a list of its own.
 
     Args:
         path: path of the file.
@@ -89,8 +89,8 @@ def _tables(content: object) -> Iterator[_Found]:
         value = pending.pop()
         yield from _runs(value)
         yield from _tables_in(value)
-        if isinstance(value, Mapping):
-            pending += filter(_is_nested, value.values())
+        if isinstance(value, Mapping) or (isinstance(value, list) and len(value) == 1):
+            pending += filter(_is_nested, value.values() if isinstance(value, Mapping) else value)
 
 
 def _tables_in(value: object) -> Iterator[_Found]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate.estimation.data.column_names import RUN, RUN_AFTER_UNIT, guess_columns, quantity_in, split_unit
 from palpate.estimation.data.file_columns import pa, pc
-from palpate.estimation.data.text_dialect import MISSING
+from palpate.estimation.data.text_dialect import CLOCK, MISSING
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _MIN_COUNT = 2  # least number of repeated columns in each test; a single repeated column is a mistake
@@ -133,12 +133,6 @@ def _repeated_names(names: Sequence[str]) -> list[dict[str, int]]:
     ]
 
 
-_CLOCK = re.compile(
-    r"^\s*(?:(?P<day>\d{4}-\d\d?-\d\d?|\d\d?[./]\d\d?[./]\d{4}|\d{4}/\d\d?/\d\d?)(?:T|,?\s+))?"
-    r"(?:(?P<hour>\d{1,3}):)?(?P<minute>\d{1,4}):(?P<second>\d\d?(?:[.,:]\d+)?)"
-    r"\s*(?P<half>[AaPp][Mm])?(?:Z|[+-]\d\d:?\d\d)?\s*$",
-    re.ASCII,  # as Arrow's expressions are
-)
 _BLANKS = "[\u00a0\u202f]"  # blanks that may precede AM and PM
 _DAY_S = 86400.0
 _MARK = {b"clock": b"s"}  # metadata of columns converted to seconds, whose names may state another unit
@@ -177,9 +171,9 @@ def with_seconds(columns: pa.Table, decimal: str) -> tuple[pa.Table, tuple[str, 
         if text is None:
             continue
         first = np.flatnonzero(is_filled(text.slice(0, 1000)))[:1]
-        if not len(first) or not _CLOCK.match(re.sub(_BLANKS, " ", text[int(first[0])].as_py())):
+        if not len(first) or not CLOCK.match(re.sub(_BLANKS, " ", text[int(first[0])].as_py())):
             continue
-        parts = pc.extract_regex(pc.replace_substring_regex(text, _BLANKS, " "), _CLOCK.pattern)
+        parts = pc.extract_regex(pc.replace_substring_regex(text, _BLANKS, " "), CLOCK.pattern)
         texts = {key: pc.struct_field(parts, key) for key in ("day", "hour", "minute", "second", "half")}
         try:
             days, order = _days(texts["day"])

@@ -43,6 +43,12 @@ _COMMENTS = ("#", "%", "!", "//")
 _LABVIEW = ("X_Value", "Y_Unit_Label", "X_Dimension")
 _BRACKETS = "[](){}<>"
 _LIKE_A_UNIT = re.compile(r"[%‰]|[\w°%]{1,8}(?:[ ./·⋅*^_-]+[\w°]{1,8})*")
+CLOCK = re.compile(
+    r"^\s*(?:(?P<day>\d{4}-\d\d?-\d\d?|\d\d?[./]\d\d?[./]\d{4}|\d{4}/\d\d?/\d\d?)(?:T|,?\s+))?"
+    r"(?:(?P<hour>\d{1,3}):)?(?P<minute>\d{1,4}):(?P<second>\d\d?(?:[.,:]\d+)?)"
+    r"\s*(?P<half>[AaPp][Mm])?(?:Z|[+-]\d\d:?\d\d)?\s*$",
+    re.ASCII,  # as Arrow's expressions are
+)
 MISSING = frozenset(
     ["", "-", "--", "---", "#n/a", "n/a", "na", "nan", "#nv", "#wert!", "#value!", "#div/0!", "null", "none"]
 )
@@ -114,8 +120,10 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[TableL
 def _is_body(body: Sequence[Sequence[str]], decimal: str) -> bool:
     """Return whether rows are the first of a table: each column has only numbers or only words."""
     rows = [row for row in body if any(row) or row is body[0]]
-    if any(sum(_are_numbers(row, decimal)) < MIN_NUMBERS for row in rows):
-        return False
+    for row in rows:
+        count = sum(_are_numbers(row, decimal))
+        if count + (0 < count < MIN_NUMBERS and any(map(CLOCK.match, row))) < MIN_NUMBERS:
+            return False
     columns = zip_longest(*body, fillvalue="")
     kinds = ({is_number(cell, decimal) for cell in column if not is_missing(cell)} for column in columns)
     return all(len(kind) <= 1 for kind in kinds)
@@ -410,12 +418,13 @@ def _dialect(lines: list[tuple[int, str]], delimiter: str) -> TextDialect:
         # Use as many names as the rows have cells: both may end with the delimiter or a remark.
         width, names = max(len(row) for row in rows[layout.first :][:3]), list(layout.names)
         is_remark = any(not is_unnamed(word) for word in names[width:])  # words beyond the last column
-        if delimiter == BLANKS and is_remark and not _is_measurement(names):
+        numbers = max(sum(_are_numbers(row, decimal)) for row in rows[layout.first :][:3])
+        is_split = numbers < MIN_NUMBERS  # as a date and a clock are
+        if delimiter == BLANKS and (is_split or (is_remark and not _is_measurement(names))):
             continue
         names += numbered_names(width)[len(names) :]
         head, start = (lines[row][0] for row in (layout.header, layout.first))
         counts = is_number(rows[layout.first][0], decimal)
-        numbers = max(sum(_are_numbers(row, decimal)) for row in rows[layout.first :][:3])
         tables.append(TextTable(tuple(names[:width]), head, start, layout.titles, counts, numbers))
     return TextDialect(delimiter, decimal, tuple(tables))
 
@@ -431,6 +440,8 @@ def is_footer(cells: Sequence[str], *, counts: bool) -> bool:
     """
     filled = [cell for cell in cells if cell.strip()]
     numbers = [any(is_number(cell, mark) for mark in NUMBER) for cell in filled]
+    if any(numbers) and not counts and CLOCK.match(filled[0]):  # a clock beside a number
+        numbers[0] = True
     words = bool(filled) and not numbers[0]
     return not filled or (words and (sum(numbers) < MIN_NUMBERS or (counts and not is_missing(cells[0]))))
 
@@ -448,7 +459,7 @@ def line_cells(line: str, delimiter: str) -> list[str]:
 def _cells(lines: list[str], delimiter: str) -> Iterator[list[str]]:
     if delimiter == BLANKS:
         for line in lines:
-            plain = line.strip(" \t#%")
+            plain = line.strip(" \t").lstrip(" \t#%")  # a unit at the end may be "%"
             between = _ANY_BLANK if _ONLY_UNITS.fullmatch(plain) else _BLANK
             yield [cell.strip('"') for cell in between.split(plain)]
         return

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import codecs
 import gzip
+import itertools
 import math
 import re
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +45,8 @@ _MAX_COLUMNS = 20_000  # limits computing time, since each name is compared with
 _SHOWN = 60  # characters of a rejected line that an error message shows
 _MIN_NUMBERS = 3  # least number of rows of a file with one column
 _ALIKE = 100  # first lines that decide on the decimal mark of a file with one column
+_ALIGNED = "cells aligned in columns"
+_SAME, _MAX_HEADER = 3, 3  # least number of aligned rows, and most lines of names and units above them
 _SYSTEMATIC = 0.25  # least share of short rows that are intentional; fewer are damaged rows
 
 
@@ -61,7 +63,7 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
     content, encoding = _read_text(path)
     columns_of_rows = _transposed(content)
     content = columns_of_rows or content
-    dialect = find_dialect(content)
+    content, dialect, is_aligned = _with_dialect(content)
     if dialect is None and (column := _only_column(content)) is not None:
         return column
     if dialect is None:  # names may have quoted line breaks, as spreadsheets write them
@@ -91,7 +93,7 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
     tests = [block for place in chosen for block in _blocks(content, *filled[place], dialect.delimiter)]
     lead = content[: tests[0][0].head if chosen[0] == 0 else 0].decode(errors="replace").splitlines()
     preamble = tuple(line.strip() for line in lead if line.strip())
-    notes = [IN_ROWS] if columns_of_rows else [*dialect.notes]
+    notes = [IN_ROWS] if columns_of_rows else [_ALIGNED] if is_aligned else [*dialect.notes]
     notes += [*preamble_notes(len(preamble)), *note]
     notes += [f"a footer of {len(footer)} line{'s' if len(footer) > 1 else ''}"] if footer else []
     notes += [f"{empty} empty row{'s' if empty > 1 else ''} at the end left out"] if empty else []
@@ -117,6 +119,17 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
     )
 
 
+def _with_dialect(content: bytes) -> tuple[bytes, TextDialect | None, bool]:
+    """Return a text that can be split into cells, its dialect, and whether its cells were aligned."""
+    dialect = find_dialect(content)
+    sample = content[: content.rfind(b"\n", 0, _LOOKED_AT)]
+    if (dialect is None or dialect.delimiter == BLANKS) and _aligned(sample):
+        tabbed = _aligned(content)
+        if of_tabs := find_dialect(tabbed):
+            return tabbed, of_tabs, True
+    return content, dialect, False
+
+
 def _transposed(content: bytes) -> bytes:
     """Return a text whose rows hold one signal each with its columns as lines; empty for other text."""
     first, lines = content.lstrip().partition(b"\n")[0], list[str]()
@@ -126,8 +139,45 @@ def _transposed(content: bytes) -> bytes:
             split = (line_cells(line, delimiter) for line in lines if line.strip())
             rows = [[" ".join(cell.split()) for cell in cells] for cells in split]
             if are_signals(rows, decimal_mark(rows, in_doubt=delimiter != ",")):
-                return "\n".join(map("\t".join, zip_longest(*rows, fillvalue=""))).encode()
+                return "\n".join(map("\t".join, itertools.zip_longest(*rows, fillvalue=""))).encode()
     return b""
+
+
+def _aligned(content: bytes) -> bytes:
+    """Return a text whose cells stand in columns of characters, some empty, with tabs between the cells.
+
+    The result is empty for other text, and if each line may as well be split at blanks.
+    """
+    lines = [line.rstrip() for line in content.decode(errors="replace").split("\n")]
+    is_row = [_ROW_OF_NUMBERS.fullmatch(line) is not None for line in lines]
+    first = next((n for n in range(1, len(lines)) if all(is_row[n : n + _SAME])), len(lines))
+    last = next((n for n in range(first, len(lines)) if not is_row[n]), len(lines))
+    if last - first < _SAME:
+        return b""
+    columns = list[list[int]]()  # first and last character of each
+    for begin, end in sorted({m.span() for line in lines[first:last] for m in re.finditer(r"\S+", line)}):
+        if columns and begin <= columns[-1][1]:
+            columns[-1][1] = max(end, columns[-1][1])
+        else:
+            columns.append([begin, end])
+    between = list(itertools.pairwise(columns))
+
+    def split(line: str) -> list[str]:
+        """Return the cells of a line, none if a cell of it reaches into two columns."""
+        cuts = [line.ljust(columns[-1][1]).find(" ", left[1], right[0]) for left, right in between]
+        cells = [line[begin:end].strip() for begin, end in itertools.pairwise([0, *cuts, None])]
+        return [] if -1 in cuts or any("  " in cell for cell in cells) else cells
+
+    counts = {len(line.split()) for line in lines[first:last]}
+    header = list(itertools.takewhile(bool, map(split, reversed(lines[max(first - _MAX_HEADER, 0) : first]))))
+    while header and not all(header[-1]):
+        header.pop()
+    top = first - len(header)
+    counts |= {len(line_cells(line, BLANKS)) for line in lines[top:first]}
+    if not header or len(columns) != max(counts & {len(columns)}, default=0) or len(counts) == 1:
+        return b""
+    lines[top:last] = map("\t".join, map(split, lines[top:last]))
+    return "\n".join(lines).encode()
 
 
 def is_prose(path: Path) -> bool:
@@ -164,6 +214,7 @@ def _read_text(path: Path) -> tuple[bytes, str]:
     return content, encoding
 
 
+_ROW_OF_NUMBERS = re.compile(r" *[-+.\d][-+.,\deE]*(?: +[-+.\d][-+.,\deE]*)+")
 _ROW_END = re.compile(rb";(?=[ \t]*\r?(?:\n|$))")
 _FORTRAN = re.compile(rb"\d\.\d*[dD][-+]\d\d")  # a number of double precision, such as "1.5D+03"
 _NAMES_IN_QUOTES = re.compile(rb'(?:[^"\r\n]|"[^"]{0,1000}")+')  # one row with quoted line breaks

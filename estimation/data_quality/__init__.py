@@ -8,6 +8,7 @@ from palpate.estimation.data_quality.checks import (
     reject_reason,
     usable,
 )
+from palpate.estimation.data_quality.readings import unchanging
 from palpate.estimation.data_quality.sampling import SINGLE_RUN
 
 __all__ = [
@@ -17,5 +18,6 @@ __all__ = [
     "list_warnings",
     "quality_warnings",
     "reject_reason",
+    "unchanging",
     "usable",
 ]

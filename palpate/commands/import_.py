@@ -22,7 +22,7 @@ from palpate.estimation.data.import_file import ImportedData, import_table
 from palpate.estimation.data.import_files import data_files, import_files, read_tables
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import Table
-from palpate.estimation.data_quality import list_warnings, quality_warnings
+from palpate.estimation.data_quality import list_warnings, quality_warnings, unchanging
 from palpate.estimation.estimate import rounded
 from palpate.estimation.signals.runwise import sample_time
 from palpate.render.palette import phase
@@ -201,7 +201,10 @@ def _print_preview(
 
 def _plausibility_warnings(imported: ImportedData) -> list[str]:
     """Describe implausible properties of the data of each channel, one sentence each."""
-    return list_warnings((imported.title(c.name), quality_warnings(c)) for c in imported.channels)
+    return list_warnings(
+        (imported.title(c.name), [*quality_warnings(c), *filter(None, [unchanging(c)])])
+        for c in imported.channels
+    )
 
 
 def _columns(table: Table, roles: Mapping[str, str] | None = None) -> Printed:

@@ -607,6 +607,24 @@ def test_unit_of_a_missing_time_is_the_interval_of_rows(contact, tmp_path):
         import_file(contact(time_s=None), ImportOptions(units={"time": "N"}))
 
 
+def test_recorded_velocity_tells_the_interval_of_rows_without_a_time(tmp_path):
+    t = np.arange(600) * 0.01
+    columns = {"pos1": np.sin(3.0 * t), "vel1": 3.0 * np.cos(3.0 * t), "torque1": np.cos(3.0 * t)}
+    units = ImportOptions(units={"position": "rad", "torque": "Nm"})
+
+    def advice():
+        imported = import_file(write_csv(tmp_path / "arm.csv", columns), units)
+        return next(note for note in imported.notes if note.startswith("no time column"))
+
+    told = "rows are 10 ms apart according to 'vel1', if it is in rad/s: add --unit time=10ms"
+    assert advice().endswith(told)
+    columns["vel1"][400:] *= 2.0  # contradicts the rest
+    assert advice().endswith("give their interval, as in --unit time=10ms")
+    columns["vel1 [deg/s]"] = np.degrees(3.0 * np.cos(3.0 * t)) / 2.0
+    del columns["vel1"]
+    assert advice().endswith("rows are 20 ms apart according to 'vel1 [deg/s]': add --unit time=20ms")
+
+
 @pytest.mark.parametrize("name", ["tick", "ticks", "stamp", "sample counter"])
 def test_counter_is_proposed_as_the_time_and_asked_for_its_unit(contact, name):
     path = contact(time_s=None, **{name: 20.0 * np.arange(len(T)), "note": T})

@@ -27,8 +27,9 @@ COLUMNS = dict(zip(NAMES, map(list, zip(*ROWS, strict=True)), strict=True))
         COLUMNS,
         {"names": NAMES, "data": ROWS, "rate": 100},
         {"meta": {"by": "me"}, "log": {"press": COLUMNS}},
+        {"log": {"other": [], "loads": [{"at": "noon", "raw": RECORDS}]}},
     ],
-    ids=["records", "columns", "rows", "deep inside"],
+    ids=["records", "columns", "rows", "deep inside", "in a list of one"],
 )
 def test_table_is_detected_in_each_layout(tmp_path, content):
     (channel,) = import_file(saved(tmp_path / "press.json", json.dumps(content))).channels

@@ -280,3 +280,72 @@ def test_a_column_without_any_cell_is_not_reported_as_invalid(tmp_path):
     rows = "".join(f"{t},{f},\n" for t, f in zip(TIME_S, FORCE_N, strict=True))
     path = saved(tmp_path / "title.csv", "Time (s),Load (N),D105\n" + rows)
     assert "--column displacement=COLUMN --column force='Load (N)'" in refusal(path)
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+def test_clock_and_one_column_are_a_table(tmp_path, delimiter):
+    rows = [f"2018/12/07 17:44:{10 + 0.1 * n:06.3f}{delimiter}{n}.5\n" for n in range(9)]
+    table = read_table(saved(tmp_path / "own.csv", "".join([f"Time{delimiter}Load N\n", *rows])))
+    assert table.names == ("Time", "Load N")
+    np.testing.assert_allclose(np.diff(table.numbers("Time")), 0.1)
+    ended = saved(tmp_path / "end.csv", "".join([f"Time{delimiter}Load N\n", *rows, "2018/12/07 17:45:00\n"]))
+    assert "a footer of 1 line" in read_table(ended).notes
+
+
+_ALIGNED_HEADER = (
+    "   No    Time   Depth   Pore 2    Load       Bq\n    -       s      mm      MPa       N        %\n"
+)
+
+
+def test_aligned_columns_may_have_empty_cells_and_names_with_blanks(tmp_path):
+    rows = [f"{n:5} {0.1 * n:7.3f} {n:7.2f} {'' if n < 4 else n:8} {2.5 * n:7.2f}" for n in range(1, 20)]
+    rows = [row if 2 < n < 9 else f"{row} {n:8}" for n, row in enumerate(rows)]
+    for title in ("", " Data table:\n", "Measured by hand\n\n"):
+        table = read_table(saved(tmp_path / "own.asc", title + _ALIGNED_HEADER + "\n".join(rows) + "\n"))
+        assert table.names == ("No", "Time [s]", "Depth [mm]", "Pore 2 [MPa]", "Load [N]", "Bq [%]")
+        assert "cells aligned in columns" in table.notes
+        np.testing.assert_allclose(table.numbers("Load [N]"), 2.5 * np.arange(1, 20))
+        assert table.filled_rows("Pore 2 [MPa]").tolist() == [False] * 3 + [True] * 16
+        assert table.filled_rows("Bq [%]").tolist() == [True] * 3 + [False] * 6 + [True] * 10
+    assert table.row_name(0) == "line 5"
+
+
+def test_unit_in_percent_may_end_a_row_of_units(tmp_path):
+    header = "Rec Time Depth Load Ratio\nNo s mm N %\n"
+    rows = "".join(f"{n} {0.1 * n:.3f} {n} {3 * n} {n}\n" for n in range(1, 20))
+    table = read_table(saved(tmp_path / "own.asc", header + rows))
+    assert table.names == ("Rec [No]", "Time [s]", "Depth [mm]", "Load [N]", "Ratio [%]")
+
+
+@pytest.mark.parametrize(
+    ("names", "proposed"),
+    [
+        ("time_s,F_arm,M_arm", "--column displacement=COLUMN --column force=F_arm --unit force=N"),
+        ("time_s,Acceleration [V],Load [V]", "--column displacement=COLUMN --column force='Load [V]'"),
+        ("time_s,temp,AI0", "--column displacement_mm=COLUMN --column force_N=COLUMN; if another file"),
+        ("Sample,temp,AI0", "force_N=COLUMN; without a time, --unit time=10ms states the interval of rows"),
+        ("time_s,depth,AI0", "--column displacement=depth --unit displacement=mm --column force_N=COLUMN"),
+    ],
+)
+def test_proposed_options_are_complete_and_prefer_words_to_volts(tmp_path, names, proposed):
+    path = saved(tmp_path / "own.csv", names + "\n" + lines(TIME_S, WAY_M, FORCE_N))
+    assert proposed in refusal(path)
+
+
+def test_position_whose_first_cell_is_empty_is_proposed(tmp_path):
+    rows = lines(TIME_S, WAY_M, FORCE_N).splitlines()
+    rows[0] = f"{TIME_S[0]},,{FORCE_N[0]}"
+    message = refusal(
+        saved(
+            tmp_path / "own.csv",
+            "time_s,target pos,pos (1),load (1)\n"
+            + "\n".join(f"{row.split(',')[0]},7,{row.split(',', 1)[1]}" for row in rows),
+        )
+    )
+    assert "seems to hold" not in message
+    assert "'pos (1)'" in message.partition("as in ")[2]
+
+
+def test_reactive_power_is_not_a_position():
+    names = ["power_meter.Q1", "power_meter.P1", "mechanical.torque"]
+    assert [guess.quantity for guess in guess_columns(names)] == ["", "", "torque"]

@@ -217,6 +217,9 @@ def test_sheets_without_names_or_numbers_are_listed(book):
     assert read_table(table.path, "Raw").row_name(0) == "row 2"
     with pytest.raises(InputError, match=r"Available: Named, Raw$"):
         read_table(table.path, "Other")
+    beside = [[*row, "note" if n % 2 else 1.0] for n, row in enumerate(rows)]
+    with pytest.raises(InputError, match=r"--table Beside: .*in this sheet, no row of column names is"):
+        read_table(book(Named=[NAMES, *rows], Beside=beside), "Beside")
     with pytest.raises(InputError, match=r"Its sheets: 'Notes', 'More'$"):
         read_table(book(Notes=[["by", "hand"]], More=[["x"]]))
     with pytest.raises(InputError, match=r"; not read.*'Wide' \(4 rows\); --table Wide"):

@@ -160,6 +160,16 @@ def test_import_preview_shows_columns_runs_and_phases_and_stores_nothing(tmp_pat
     assert (tmp_path / "sessions" / "Schaum 12.mcap").is_file()
 
 
+def test_effort_that_is_always_zero_is_reported(tmp_path):
+    still = saved(
+        tmp_path / "still.csv",
+        "time_s,displacement_m,force_N\n" + "".join(f"{i / 100},{i / 1e4},0\n" for i in range(99)),
+    )
+    for options in (["--look"], ["-o", tmp_path / "still.mcap"]):
+        result = done("import", still, *options)
+        assert "contact: the effort never changes" in " ".join((result.stdout + result.stderr).split())
+
+
 def test_equal_columns_of_a_folder_s_files_are_shown_once(tmp_path):
     result = run("import", one_file_a_run(tmp_path), "--look")
     assert result.stdout.count("displacement in mm") == 1
