@@ -56,11 +56,13 @@ def stack_tests(
     Args:
         columns: columns of n rows.
         tests: result of `find_tests`.
-        titles: text above each column; it names the tests if there is a distinct title for each.
+        titles: text above each column; it names the tests if a distinct title is above the columns of each.
         decimal: decimal mark of numbers that are text.
     """
     repeated = [name for name, place in tests[0].items() if tests[1][name] != place]
-    named = [title for title in titles if title]
+    places = ([place for name, place in test.items() if name in repeated] for test in tests)
+    above = [next((title for n, title in enumerate(titles) if title and n in own), "") for own in places]
+    named = above if all(above) else [title for title in titles if title]
     labels = named if len(set(named)) == len(tests) == len(named) else range(1, len(tests) + 1)
     parts, rows = [], []
     for test, label in zip(tests, labels, strict=True):

@@ -257,3 +257,10 @@ def test_tests_side_by_side_are_named_by_the_nearest_titles(tmp_path, between):
     rows = [["Foam", "", "", "Steel", "", ""], between, NAMES * 2, *numbers]
     path.write_text("".join(",".join(map(str, row)) + "\n" for row in rows))
     assert read_table(path).labels("run")[0] == ("Foam", "Steel")
+
+
+def test_titles_of_other_columns_do_not_prevent_names_of_tests(book):
+    rows = [[*row, row[0], 2.0 * row[1], row[2], None] for row in NUMBERS]
+    titles = ["Foam", "", "", "Steel", "", "", "Cork"]
+    table = read_table(book(S=[titles, [*NAMES, *NAMES, "later"], *rows]))
+    assert table.labels("run")[0] == ("Foam", "Steel")
