@@ -19,17 +19,19 @@ Gauss-Newton, each joint weighted with its own residual; the covariance allows f
 (palpate.estimation.statistics). Friction: Armstrong-Helouvry et al., Automatica 30 (1994).
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 
 import numpy as np
 
-from palpate.calibration.standstill import UncertainValue
+from palpate.calibration.standstill import MAX_REL_STD, UncertainValue
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.estimation.data.tick_channels import joint_channels
 from palpate.estimation.statistics.least_squares import solve
 from palpate.estimation.statistics.noise import sum_covariance
 from palpate.estimation.statistics.uncertainty import sandwich
 from palpate.robot_io.calibration.applied import gravity_base_m_s2
+from palpate.robot_io.calibration.file import USABLE_GAINS
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import Samples
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
@@ -85,6 +87,10 @@ _MIN_TILT_EFFECT = 1e-3  # least effect of an identifiable tilt on the torques, 
 _MIN_TORQUE_NM = 1e-9  # least range of a joint's torque, and least effect of a tilt
 
 
+PLAUSIBLE_GAINS = (0.5, 2.0)
+_MAX_REL_RESIDUAL = 0.3  # largest residual (rms) of a plausible fit, as a share of the measured torque's
+_SATURATED_SHARE = 0.05  # least range of the model at an extreme reading of a saturated signal, as a share
+
 UncertainArray = UncertainValue[FloatArray]
 
 
@@ -100,6 +106,7 @@ class ArmFit:
     delay_s: UncertainValue[float]  # delay of the torque samples relative to the motion samples [s]
     tilt_rad: UncertainArray  # pitch and roll, shape (2,) [rad]; NaN if not identifiable
     residual_nm: FloatArray  # measured minus fitted torque, NaN for excluded samples [N m]
+    measured_nm: FloatArray  # means of blocks of samples, like all arrays (m, n) [N m]
     position_rad: FloatArray
     velocity_rad_s: FloatArray
 
@@ -171,6 +178,12 @@ def fit_arm(motion: ArmMotion, body: RigidBody) -> ArmFit:
                 f"joint {joint} hardly moves: only {count} blocks of {BLOCK} samples are faster than "
                 f"{STANDSTILL_RAD_S} rad/s"
             )
+        measured_nm = motion.measured_nm[:, joint - 1]
+        if np.ptp(measured_nm) < _MIN_TORQUE_NM:
+            raise InputError(
+                f"joint {joint}: its measured torque is always {measured_nm[0]:.3g} N m: the drive "
+                "does not report it; check the section `torque` of the robot file"
+            )
         if spread < _MIN_TORQUE_NM:
             raise InputError(
                 f"joint {joint} carries the same load everywhere: its torque gain cannot be identified"
@@ -179,6 +192,74 @@ def fit_arm(motion: ArmMotion, body: RigidBody) -> ArmFit:
     axes = np.asarray(tilt_norms > _MIN_TILT_EFFECT * max(float(tilt_norms.max()), _MIN_TORQUE_NM))
     solver = _Solver(motion, inertial, gravity, moving, axes)
     return _arm_fit(solver, *solver.solve())
+
+
+def implausible_arm(fit: ArmFit, *, gains_are_applied: bool) -> list[str]:
+    """Describe, with joint, value and cause, why a fit should not be applied; empty if it is plausible.
+
+    Args:
+        fit: fit of drives and base.
+        gains_are_applied: whether the gains are applied, and not only used to find the tilt.
+
+    Raises:
+        InputError: a gain that is to be applied cannot be right.
+    """
+    reasons: list[str] = []
+    for joint, gain in enumerate(fit.gain.value.tolist()):
+        std_err = float(fit.gain.std_err[joint]) if gains_are_applied else 0.0
+        found = [
+            _implausible_gain(gain, std_err),
+            *_implausible_torque(fit.measured_nm[:, joint], fit.residual_nm[:, joint]),
+        ]
+        reasons += [f"joint {joint + 1}: {reason}" for reason in found if reason]
+    low, high = USABLE_GAINS
+    if gains_are_applied and np.any((fit.gain.value < low) | (fit.gain.value > high)):
+        raise InputError(f"{'; '.join(reasons)}; only gains from {low:g} to {high:g} can be applied")
+    return reasons
+
+
+def _implausible_gain(gain: float, std_err: float) -> str:
+    low, high = PLAUSIBLE_GAINS
+    if gain < 0.0:
+        return (
+            f"the gain of its torque is {gain:.3g}: the sign is reversed; correct it in the robot file, for "
+            "example with `reversed`"
+        )
+    if not low <= gain <= high:
+        return (
+            f"the gain of its torque is {gain:.3g}, outside {low:g} to {high:g}: the torque constant or gear "
+            "ratio in the robot file is wrong, or the torques of two joints are swapped"
+        )
+    if std_err > MAX_REL_STD * gain:
+        return (
+            f"the gain of its torque, {gain:.3g}, is known only to ± {200 * std_err / gain:.2g} % (95 %; "
+            f"at most {200 * MAX_REL_STD:g} % is plausible): check that the torque neither drifts nor "
+            "jumps, and that the URDF describes this arm"
+        )
+    return ""
+
+
+def _implausible_torque(measured_nm: FloatArray, residual_nm: FloatArray) -> Iterator[str]:
+    """Yield what is implausible in one joint's measured torque and its residual, shape (m,) each."""
+    is_moving = np.isfinite(residual_nm)
+    measured_nm, residual_nm = measured_nm[is_moving], residual_nm[is_moving]
+    fitted_nm = measured_nm - residual_nm
+    rms_nm = float(np.sqrt(np.mean(residual_nm**2)))
+    if rms_nm > _MAX_REL_RESIDUAL * measured_nm.std():
+        yield (
+            f"the residual of its torque is {rms_nm:.2g} N m (rms), "
+            f"{100 * rms_nm / measured_nm.std():.2g} % of its variation (at most "
+            f"{100 * _MAX_REL_RESIDUAL:g} % is plausible): the torques of two joints are swapped, or the "
+            "URDF describes another arm"
+        )
+    for extreme_nm in (measured_nm.min(), measured_nm.max()):
+        held_nm = fitted_nm[np.isclose(measured_nm, extreme_nm, rtol=1e-9, atol=0.0)]
+        if len(held_nm) > 1 and np.ptp(held_nm) > _SATURATED_SHARE * np.ptp(fitted_nm):
+            yield (
+                f"its measured torque stays at {extreme_nm:.3g} N m while the model changes by "
+                f"{np.ptp(held_nm):.2g} N m: the signal is saturated; give it a larger range, or reduce "
+                "limits.torque_nm"
+            )
 
 
 class _Solver:
@@ -264,6 +345,7 @@ def _arm_fit(solver: _Solver, values: FloatArray, covariance: FloatArray, residu
         delay_s=UncertainValue(float(values[delay]), float(std[delay])),
         tilt_rad=UncertainValue(tilt, tilt_std),
         residual_nm=residual_nm,
+        measured_nm=motion.measured_nm,
         position_rad=motion.position_rad,
         velocity_rad_s=motion.velocity_rad_s,
     )

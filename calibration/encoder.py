@@ -354,7 +354,9 @@ def fit_encoder(
         means = position.mean(axis=0)
         half_ranges = 0.5 * range_rad / np.sqrt(3.0)
         std = np.sqrt(half_ranges**2 + rounding_rad**2 + known_std_rad**2)
-        return EncoderFit(np.array(pose_rad) - means, std, tuple(means[:, None]), np.zeros(len(means)))
+        offset_rad = np.array(pose_rad) - means
+        _check_offsets(offset_rad)
+        return EncoderFit(offset_rad, std, tuple(means[:, None]), np.zeros(len(means)))
     shown: list[list[float]] = [[] for _ in range(joint_count)]
     nominal_rad = np.full(joint_count, np.nan)
     for event in session.events:
@@ -374,4 +376,15 @@ def fit_encoder(
     counts = np.array([len(touches) for touches in shown])
     errors = np.array([few_sample_factor(count - 1) for count in counts]) * scatter / np.sqrt(counts)
     std = np.sqrt(errors**2 + rounding_rad**2 + known_std_rad**2)
+    _check_offsets(nominal_rad - means)
     return EncoderFit(nominal_rad - means, std, tuple(np.array(t) for t in shown), scatter)
+
+
+def _check_offsets(offset_rad: FloatArray) -> None:
+    """Raise `InputError` for the first joint whose zero is off by more than half a turn."""
+    for joint, by_rad in enumerate(offset_rad.tolist(), 1):
+        if abs(by_rad) > np.pi:
+            raise InputError(
+                f"joint {joint}: its zero is off by {by_rad:+.4g} rad, more than half a turn: correct "
+                "zero_rad or `reversed` in the robot file, or start the drive within the turn of its zero"
+            )

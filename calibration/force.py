@@ -12,6 +12,9 @@ Each plateau is one observation, so the uncertainty includes differences between
 weight's error). No sensor is exactly linear or parabolic, and the remaining shape may not be visible in the
 scatter. Therefore the change of zero and scale by one more power of the reading is added as a standard
 uncertainty. VIM 2.39, 4.16, 4.21; VDI/VDE 2638; JCGM 100:2008, 4.3 and F.2.
+
+A drift of the reading, linear in time, is fitted if it is significant. The zero is then that of the middle of
+the record, and its uncertainty covers the zeros of start and end. Saturated plateaus are left out.
 """
 
 import os
@@ -21,15 +24,15 @@ from itertools import compress
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.stats import t
+from scipy.stats import linregress, t
 
-from palpate.calibration.standstill import UncertainValue, few_sample_factor
+from palpate.calibration.standstill import MAX_REL_STD, UncertainValue, few_sample_factor
 from palpate.estimation.data.table import Table, read_table
 from palpate.estimation.signals.blocks import blocks
 from palpate.estimation.statistics.noise import MAD_TO_SIGMA
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import Session
-from palpate.robot_io.types import BoolArray, FloatArray, Status
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray, Status
 
 _SETTLING_SHARE = 0.25  # share of a plateau that is left out if there is no information about settling
 _MIN_SAMPLES = 3  # fewest samples of a plateau
@@ -48,30 +51,47 @@ class Plateaus:
     reading: FloatArray  # mean reading of the sensor, in its unit
     std_err: FloatArray  # standard error of each mean for white noise, in the sensor's unit
     direction: FloatArray  # 1 if the force was reached from below, -1 from above, 0 at the start
+    when: FloatArray  # mean time, as a share of the record's duration, from -0.5 to 0.5
+    change: FloatArray  # mean reading of the second half minus that of the first half, in the sensor's unit
+    distinct: IntArray  # number of different readings
     glitches: int = 0  # number of samples left out as outliers
 
     def __len__(self) -> int:
         return len(self.reading)
 
+    def select(self, chosen: BoolArray) -> "Plateaus":
+        """Return the chosen plateaus; the mask has the shape (m,)."""
+        arrays = {name: array[chosen] for name, array in vars(self).items() if name != "glitches"}
+        return Plateaus(**arrays, glitches=self.glitches)
 
-def find_plateaus(reading: FloatArray, reference_n: FloatArray, settled: BoolArray | None = None) -> Plateaus:
+
+def find_plateaus(
+    reading: FloatArray,
+    reference_n: FloatArray,
+    settled: BoolArray | None = None,
+    time_s: FloatArray | None = None,
+) -> Plateaus:
     """Split a record at changes of the reference, and average the reading of each piece.
 
     Args:
         reading: reading of the sensor, shape (n,).
         reference_n: known force, shape (n,) [N].
         settled: mask of samples to use, shape (n,); None to leave out the first quarter of each plateau.
+        time_s: time of each sample, shape (n,) [s]; None for samples at equal intervals.
 
     Raises:
         InputError: fewer than three samples remain of every plateau.
     """
     steps = np.concatenate([[0], np.cumsum(np.diff(reference_n) != 0.0)])
-    pieces = [reading[rows] for rows in blocks(steps)]
+    samples = [np.arange(len(reading))[rows] for rows in blocks(steps)]
+    references_n = [float(reference_n[rows[0]]) for rows in samples]
     if settled is None:
-        pieces = [piece[int(_SETTLING_SHARE * len(piece)) :] for piece in pieces]
+        samples = [rows[int(_SETTLING_SHARE * len(rows)) :] for rows in samples]
     else:
-        pieces = [piece[settled[rows]] for piece, rows in zip(pieces, blocks(steps), strict=True)]
-    plateaus = plateaus_of([float(reference_n[rows][0]) for rows in blocks(steps)], pieces)
+        samples = [rows[settled[rows]] for rows in samples]
+    time_s = np.arange(len(reading), dtype=np.float64) if time_s is None else time_s
+    pieces, times_s = [reading[rows] for rows in samples], [time_s[rows] for rows in samples]
+    plateaus = plateaus_of(references_n, pieces, times_s, (float(time_s[0]), float(time_s[-1])))
     if not len(plateaus):
         raise InputError(
             f"no plateau has {_MIN_SAMPLES} settled samples: keep the reference constant for a while"
@@ -79,22 +99,38 @@ def find_plateaus(reading: FloatArray, reference_n: FloatArray, settled: BoolArr
     return plateaus
 
 
-def plateaus_of(references_n: Sequence[float], pieces: Sequence[FloatArray]) -> Plateaus:
+def plateaus_of(
+    references_n: Sequence[float],
+    pieces: Sequence[FloatArray],
+    times_s: Sequence[FloatArray] | None = None,
+    record_s: tuple[float, float] | None = None,
+) -> Plateaus:
     """Average the settled readings under each force, without outliers; leave out too short pieces.
 
     Args:
         references_n: known forces, in the order of time [N].
         pieces: readings under each of them.
+        times_s: time of each reading [s]; None for readings at equal intervals.
+        record_s: start and end of the record [s]; None for the first and the last reading.
     """
+    if times_s is None:
+        ends = np.cumsum([len(piece) for piece in pieces])
+        times_s = [np.arange(end - len(piece), end) for end, piece in zip(ends, pieces, strict=True)]
     long_enough = [len(piece) >= _MIN_SAMPLES for piece in pieces]
-    pieces = list(compress(pieces, long_enough))
+    pieces, times_s = list(compress(pieces, long_enough)), list(compress(times_s, long_enough))
     kept = [piece[~_is_glitch(piece)] for piece in pieces]
     reference = np.array(list(compress(references_n, long_enough)), dtype=np.float64)
+    times = np.array([piece.mean() for piece in times_s])
+    start_s, end_s = record_s or ((float(times_s[0][0]), float(times_s[-1][-1])) if times_s else (0.0, 0.0))
+    duration_s = end_s - start_s
     return Plateaus(
         reference,
         np.array([piece.mean() for piece in kept]),
         np.array([piece.std(ddof=1) / np.sqrt(len(piece)) for piece in kept]),
         np.concatenate([[0.0], np.sign(np.diff(reference))]),
+        (times - start_s) / duration_s - 0.5 if duration_s > 0.0 else np.zeros(len(times)),
+        np.array([np.subtract(*(half.mean() for half in np.array_split(piece, 2)[::-1])) for piece in kept]),
+        np.array([len(np.unique(piece)) for piece in kept], dtype=np.intp),
         sum(map(len, pieces)) - sum(map(len, kept)),
     )
 
@@ -154,6 +190,7 @@ def read_reference_file(
         table.numbers(reading),
         table.numbers(reference) * factors[reference_unit],
         None if settled is None else np.asarray(table.numbers(settled) != 0.0),
+        _times(table),
     )
     unit = reading_unit or _READING_UNITS.get(reading.rpartition("_")[2].lower())
     if unit is None:
@@ -177,6 +214,16 @@ def _column(table: Table, role: str, columns: Mapping[str, str], by_unit: Sequen
             f"Available: {table.listed_names}"
         )
     return candidates[0]
+
+
+def _times(table: Table) -> FloatArray | None:
+    """Return the only column of times, if it holds increasing numbers."""
+    names = [name for name in table.names if name.startswith("time")]
+    try:
+        times = table.numbers(names[0]) if len(names) == 1 else None
+    except InputError:
+        return None  # times of day or dates; samples at equal intervals are assumed
+    return times if times is not None and np.all(np.diff(times) >= 0.0) else None
 
 
 def _unnamed(table: Table) -> list[str]:
@@ -203,15 +250,22 @@ def read_weighing(session: Session) -> Plateaus:
         )
     ticks = session.samples("tick")
     fresh = ticks.select(ticks["force_status"] == Status.OK)
-    pieces = [fresh["force_n"][fresh["run"] == run] for run in forces_n]
-    return plateaus_of(list(forces_n.values()), pieces)
+    pieces, times_s = (
+        [fresh[name][fresh["run"] == run] for run in forces_n] for name in ("force_n", "time_s")
+    )
+    return plateaus_of(list(forces_n.values()), pieces, times_s)
 
 
 _SIGNIFICANT = 0.01
 _MIN_SPARE = 2  # plateaus beyond the number of parameters
 _MIN_LEVELS = 3
 _MIN_CURVE_LEVELS = 4  # three points lie on a parabola for any shape of the characteristic
-_CURVATURE, _CUBIC, _HYSTERESIS = 2, 3, 4  # places among the parameters
+_CURVATURE, _CUBIC, _HYSTERESIS, _DRIFT = 2, 3, 4, 5  # places among the parameters
+_UNIFORM = np.sqrt(12.0)  # ratio of a range to the standard deviation of a uniform distribution over it
+_NEGLIGIBLE = 1e-6  # drift that is rounding, as a share of the range of readings
+_SATURATED_SLOPE = 0.1  # largest slope of a saturated reading over the force, as a share of the median slope
+_NOISY = 3  # least number of different readings of a plateau whose noise exceeds the resolution
+_MAX_REL_RESIDUAL = 0.05  # largest residual (rms) of a plausible fit, as a share of the range
 _SUSPECT = 5.0  # least ratio of an outlying plateau's residual to the scatter of the others
 
 
@@ -230,6 +284,10 @@ class ForceFit:
     residual_n: FloatArray  # reference minus calibrated reading, shape (m,) [N]
     range_n: tuple[float, float]  # lowest and highest reference [N]
     suspect: int | None  # index from 0 of an outlying plateau, or None
+    is_used: BoolArray  # mask of the given plateaus: those that are not saturated
+    drift_n: UncertainValue[float] | None  # change during the record [N]; None if it is not significant
+    # change within the plateaus, as an excess of the way down over the way up [N]; 0 if it is not significant
+    unsettled_n: float
 
     @property
     def rms_n(self) -> float:
@@ -250,25 +308,41 @@ def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
     check_references(plateaus.reference_n)
     if np.ptp(plateaus.reading) == 0.0:
         raise InputError("the reading is the same under every force: the sensor does not respond")
+    is_used = ~_is_saturated(plateaus)
+    given, plateaus = plateaus, plateaus.select(is_used)
+    if not is_used.all():
+        try:
+            check_references(plateaus.reference_n)
+        except InputError as error:
+            raise InputError(f"{describe_saturation(given, is_used)}. Too few remain: {error}") from error
     has_branches = bool(np.any(plateaus.direction < 0) and np.any(plateaus.direction > 0))
-    used = np.array([True, True, True, False, has_branches])
+    used = np.array([True, True, True, False, has_branches, False])
     full_values, full_errors, dof = _solve(plateaus, used)
-    is_significant = np.abs(full_values) > t.ppf(1 - _SIGNIFICANT / 2, dof) * full_errors
+    drifting = used | (np.arange(len(used)) == _DRIFT)
+    if len(plateaus) > drifting.sum():
+        values, errors, fewer = _solve(plateaus, drifting)
+        is_drifting = _is_significant(values, errors, fewer)[_DRIFT]
+        if is_drifting and abs(values[_DRIFT]) > _NEGLIGIBLE * np.ptp(plateaus.reading):
+            used, full_values, full_errors, dof = drifting, values, errors, fewer
+    is_significant = _is_significant(full_values, full_errors, dof)
     is_significant[_CURVATURE] &= _levels(plateaus.reference_n) >= _MIN_CURVE_LEVELS
-    used &= np.array([True, True, is_significant[_CURVATURE], False, is_significant[_HYSTERESIS]])
+    used[[_CURVATURE, _HYSTERESIS]] &= is_significant[[_CURVATURE, _HYSTERESIS]]
     values, errors, _ = _solve(plateaus, used)
     if not values[1] > 0.0:
         raise InputError(
             f"the reading falls by {abs(1 / values[1]):.4g} per newton of reference: reverse the sign "
             "of the sensor, for example with `reversed` in the section `force` of the robot file"
         )
-    zero, scale, curvature, _, half = np.where(used, values, full_values).tolist()
+    zero, scale, curvature, _, half, drift = np.where(used, values, full_values).tolist()
     errors = np.hypot(errors, _shape_errors(plateaus, used, values))
+    errors[0] = np.hypot(errors[0], drift / _UNIFORM)
     errors[1] = np.hypot(errors[1], scale * reference_rel_std)
-    zero_err, scale_err, curvature_err, _, half_err = np.where(used, errors, full_errors).tolist()
+    zero_err, scale_err, curvature_err, _, half_err, drift_err = np.where(used, errors, full_errors).tolist()
     span_n = float(np.ptp(plateaus.reference_n))
     bow = span_n / (4.0 * scale**2)  # of a parabola over its chord, as a share of the range
-    residual = _residuals(values, plateaus, hysteresis=False)
+    hysteresis_err_n, unsettled_n = 2 * scale * half_err, 2 * scale * _change_towards_step(plateaus)
+    unsettled_n = unsettled_n if unsettled_n > hysteresis_err_n else 0.0
+    residual = _residuals(values, plateaus, applied_only=True)
     # A plateau whose residual is much larger than the others' scatter, as from a wrong weight.
     hysteresis_residual = _residuals(values, plateaus)
     worst = int(np.argmax(np.abs(hysteresis_residual)))
@@ -277,13 +351,96 @@ def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
         zero=UncertainValue(zero, zero_err),
         scale=UncertainValue(scale, scale_err),
         curvature=UncertainValue(curvature, curvature_err) if used[_CURVATURE] else None,
-        hysteresis_n=UncertainValue(-2 * scale * half, 2 * scale * half_err),
+        hysteresis_n=UncertainValue(-2 * scale * half, float(np.hypot(hysteresis_err_n, unsettled_n))),
         nonlinearity=UncertainValue(abs(curvature) * bow, curvature_err * bow),
         plateaus=plateaus,
         residual_n=residual,
         range_n=(float(plateaus.reference_n.min()), float(plateaus.reference_n.max())),
         suspect=worst if abs(hysteresis_residual[worst]) > _SUSPECT * scatter > 0.0 else None,
+        is_used=is_used,
+        drift_n=UncertainValue(scale * drift, scale * drift_err) if used[_DRIFT] else None,
+        unsettled_n=unsettled_n,
     )
+
+
+def implausible_force(fit: ForceFit) -> list[str]:
+    """Describe, with value and remedy, why a fit should not be applied; empty if it is plausible.
+
+    Args:
+        fit: fit of the force sensor.
+    """
+    scale, span_n, reasons = fit.scale, float(np.ptp(fit.range_n)), []
+    if fit.rms_n > _MAX_REL_RESIDUAL * span_n:
+        reasons.append(
+            f"the residual is {fit.rms_n:.2g} N (rms), {100 * fit.rms_n / span_n:.2g} % of the range of "
+            f"{span_n:.3g} N (at most {100 * _MAX_REL_RESIDUAL:g} % is plausible): check that each reading "
+            "belongs to its reference, and that it had settled"
+        )
+    if scale.std_err > MAX_REL_STD * scale.value:
+        reasons.append(
+            f"the scale {scale.value:.3g} is known only to ± {200 * scale.std_err / scale.value:.2g} % "
+            f"(95 %; at most {200 * MAX_REL_STD:g} % is plausible): check the references, and use more"
+        )
+    return reasons
+
+
+def describe_saturation(plateaus: Plateaus, is_used: BoolArray) -> str:
+    """Describe the saturated plateaus.
+
+    Args:
+        plateaus: all plateaus.
+        is_used: mask of the others, shape (m,).
+    """
+    forces_n = ", ".join(f"{force_n:.4g}" for force_n in np.unique(plateaus.reference_n[~is_used]))
+    readings = ", ".join(dict.fromkeys(f"{reading:.4g}" for reading in plateaus.reading[~is_used]))
+    return (
+        f"{np.count_nonzero(~is_used)} of {len(plateaus)} plateaus, under {forces_n} N, were left out: the "
+        f"reading stays at {readings} there, so the sensor is saturated"
+    )
+
+
+def _is_saturated(plateaus: Plateaus) -> BoolArray:
+    """Return the plateaus whose reading stays at an extreme value while the force changes.
+
+    The reading is constant there while that of all other plateaus is noisy, or it hardly differs between the
+    extreme forces.
+    """
+    forces_n, at = np.unique(plateaus.reference_n, return_inverse=True)
+    means = np.array([plateaus.reading[at == level].mean() for level in range(len(forces_n))])
+    apart_n = np.diff(forces_n)
+    slopes = np.abs(np.diff(means) / apart_n)
+    # Neighboring forces that are too close show no slope.
+    is_steep = (slopes > _SATURATED_SLOPE * np.median(slopes)) | (apart_n < _SATURATED_SLOPE * apart_n.sum())
+    first, last = np.argmax(is_steep), len(is_steep) - np.argmax(is_steep[::-1])  # steep part of the levels
+    saturated = np.zeros(len(plateaus), dtype=np.bool_)
+    for is_flat in ((at <= first) & (first > 0), (at >= last) & (last < len(is_steep))):
+        readings = plateaus.reading[is_flat]
+        if len(readings) and np.ptp(readings) < _SATURATED_SLOPE * np.ptp(plateaus.reading):
+            saturated |= is_flat
+    for extreme in (plateaus.reading.min(), plateaus.reading.max()):
+        is_held = (plateaus.reading == extreme) & (plateaus.distinct == 1)
+        if is_held.any() and np.all(plateaus.distinct[~is_held & ~saturated] >= _NOISY):
+            saturated |= is_held
+    return saturated
+
+
+def _change_towards_step(plateaus: Plateaus) -> float:
+    """Return the mean change of the reading within the plateaus, in the direction of the last step.
+
+    It is 0 if no change in proportion to the step is significant.
+    """
+    step = np.diff(plateaus.reading)
+    change = plateaus.change[1:]
+    if len(step) <= _MIN_SPARE or not np.ptp(change) or not np.ptp(step):
+        return 0.0
+    line = linregress(step, change)
+    if not line.slope > 0.0 or line.pvalue > _SIGNIFICANT:
+        return 0.0
+    return float(line.slope * np.mean(np.abs(step)))
+
+
+def _is_significant(values: FloatArray, errors: FloatArray, degrees_of_freedom: int) -> BoolArray:
+    return np.asarray(np.abs(values) > t.ppf(1 - _SIGNIFICANT / 2, degrees_of_freedom) * errors)
 
 
 def check_references(reference_n: Sequence[float] | FloatArray) -> None:
@@ -305,29 +462,29 @@ def _levels(reference_n: Sequence[float] | FloatArray) -> int:
 
 
 def _shape_errors(plateaus: Plateaus, used: BoolArray, values: FloatArray) -> FloatArray:
-    """Return the change of the values in the file by the next power of the reading, shape (5,)."""
+    """Return the change of the values in the file by the next power of the reading, shape (6,)."""
     # The mean slope does not depend on the shape; all other values refer to one point, the zero.
     extended, has_curvature = used.copy(), bool(used[_CURVATURE])
     extended[_CUBIC if has_curvature else _CURVATURE] = True
     if len(plateaus) <= extended.sum():
         return np.zeros(len(used))
     change = np.abs(_solve(plateaus, extended)[0] - values)
-    return np.where([True, has_curvature, has_curvature, False, False], change, 0.0)
+    return np.where([True, has_curvature, has_curvature, False, False, False], change, 0.0)
 
 
 def _solve(plateaus: Plateaus, used: BoolArray) -> tuple[FloatArray, FloatArray, int]:
-    """Return values and standard errors of zero, scale, curvature, cubic, half hysteresis; 0 if not used."""
+    """Return values and standard errors of zero, scale, curvature, cubic, half hysteresis, drift."""
     slope, intercept = (float(value) for value in np.polyfit(plateaus.reading, plateaus.reference_n, 1))
     zero = -intercept / slope if slope else 0.0
     width = np.ptp(plateaus.reading)
-    typical = np.array([width, slope, slope / width, slope / width**2, width])
+    typical = np.array([width, slope, slope / width, slope / width**2, width, width])
     values = np.zeros(len(used))
 
     def unscaled(free: FloatArray) -> FloatArray:
         values[used] = free * typical[used]
         return values
 
-    start = (np.array([zero, slope, 0.0, 0.0, 0.0]) / typical)[used]
+    start = (np.array([zero, slope, 0.0, 0.0, 0.0, 0.0]) / typical)[used]
     fit = least_squares(lambda free: _residuals(unscaled(free), plateaus), start, x_scale="jac", xtol=1e-14)
     dof = len(plateaus) - int(used.sum())
     reading_error_n = slope * plateaus.std_err
@@ -339,8 +496,11 @@ def _solve(plateaus: Plateaus, used: BoolArray) -> tuple[FloatArray, FloatArray,
 
 
 def _residuals(
-    values: Sequence[float] | FloatArray, plateaus: Plateaus, *, hysteresis: bool = True
+    values: Sequence[float] | FloatArray, plateaus: Plateaus, *, applied_only: bool = False
 ) -> FloatArray:
-    zero, scale, curvature, cubic, half = values
-    excess = plateaus.reading - zero - (half * plateaus.direction if hysteresis else 0.0)
+    """Return the residuals in N, without correcting hysteresis and drift if `applied_only`."""
+    zero, scale, curvature, cubic, half, drift = values
+    excess = plateaus.reading - zero
+    if not applied_only:
+        excess = excess - half * plateaus.direction - drift * plateaus.when
     return np.asarray(plateaus.reference_n - excess * (scale + excess * (curvature + excess * cubic)))

@@ -18,6 +18,7 @@ from palpate.robot_io.robot import Robot
 from palpate.robot_io.types import Measurement
 
 _COVERED = 0.975
+MAX_REL_STD = 0.05  # largest uncertainty of a plausible scale or gain, as a share; 95 % are within twice this
 Value = TypeVar("Value")
 
 

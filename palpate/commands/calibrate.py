@@ -9,9 +9,16 @@ import numpy as np
 from plotly.graph_objects import Figure
 from typer import Option
 
-from palpate.calibration.arm_fit import fit_arm, motion_of
+from palpate.calibration.arm_fit import fit_arm, implausible_arm, motion_of
 from palpate.calibration.encoder import fit_encoder
-from palpate.calibration.force import STANDARD_GRAVITY_M_S2, fit_force, read_reference_file, read_weighing
+from palpate.calibration.force import (
+    STANDARD_GRAVITY_M_S2,
+    describe_saturation,
+    fit_force,
+    implausible_force,
+    read_reference_file,
+    read_weighing,
+)
 from palpate.common import console
 from palpate.common.console import AT_REST, command_group, display_path
 from palpate.common.files import atomic_write_all, different_files, existing_file, output_file
@@ -115,17 +122,35 @@ def force(
             )
         fit = fit_force(plateaus, PERCENT * reference_percent)
         remarks = []
+        if not fit.is_used.all():
+            lost_n = np.abs(plateaus.reference_n[~fit.is_used]).min()
+            remarks.append(
+                f"{describe_saturation(plateaus, fit.is_used)}; it cannot show the guard more than "
+                f"{lost_n:.4g} N: set limits.force_n below that, or use a sensor with a larger range"
+            )
+        if fit.drift_n is not None:
+            remarks.append(
+                f"the reading drifts by {fit.drift_n.value:+.2g} N during the record; the zero is that of "
+                "its middle, with an uncertainty that covers start and end: let the sensor warm up"
+            )
+        if fit.unsettled_n:
+            remarks.append(
+                "within the plateaus, the reading still moves in the direction of the last step; up to "
+                f"{2 * fit.unsettled_n:.2g} N of the hysteresis may be slow settling: wait longer"
+            )
         if fit.plateaus.glitches:
             remarks.append(f"{fit.plateaus.glitches} samples were left out as glitches of the converter")
         if fit.suspect is not None:
             force_n, off_n = fit.plateaus.reference_n[fit.suspect], fit.residual_n[fit.suspect]
+            number = np.flatnonzero(fit.is_used)[fit.suspect] + 1
             remarks.append(
-                f"plateau {fit.suspect + 1} ({force_n:.4g} N) is {off_n:+.2g} N off, unlike the others: "
+                f"plateau {number} ({force_n:.4g} N) is {off_n:+.2g} N off, unlike the others: "
                 "was it the right weight?"
             )
         calibration = fits.make_calibration(
             "force", fit, robot_file, raw, options.valid_days, reading_unit=unit
         )
+        remarks += _accepted(implausible_force(fit), options)
         return calibration, force_figure(fit, unit), remarks
 
     _calibrate("force", options, record, analyze)
@@ -226,10 +251,18 @@ def _move_in_free_air(kind: str, options: MotionOptions) -> None:
         session = fits.open_recorded(raw, kind, robot_file)
         body = RigidBody.of_robot(robot_file, Calibrations())
         fit = fit_arm(motion_of(session.samples(STREAM_NAME)), body)
+        remarks = _accepted(implausible_arm(fit, gains_are_applied=kind == "torque"), options)
         calibration = fits.make_calibration(kind, fit, robot_file, raw, options.valid_days)
-        return calibration, arm_figure(fit), ()
+        return calibration, arm_figure(fit), remarks
 
     _calibrate(kind, options, record, analyze, _motion_permission(kind, options))
+
+
+def _accepted(implausible: list[str], options: CalibrateOptions) -> list[str]:
+    """Return the reasons against a calibration if the user accepts them; raise `InputError` otherwise."""
+    if implausible and not options.accept_implausible:
+        raise InputError(f"{'; '.join(implausible)}; --accept-implausible writes it nevertheless")
+    return [f"implausible: {reason}" for reason in implausible]
 
 
 def _motion_permission(kind: str, options: MotionOptions) -> Permission:
@@ -279,7 +312,8 @@ def _calibrate(
         print_usage_hint(calibration, path.resolve(), options)
 
     written = {"file": str(path), "plot": str(plot), "raw": str(raw)}
-    console.present(written | calibration.model_dump(mode="json"), show, as_json=options.as_json)
+    content = calibration.model_dump(mode="json") | {"warnings": list(remarks)}
+    console.present(written | content, show, as_json=options.as_json)
 
 
 def ask_for_weight(gravity_m_s2: float) -> runs.Place:

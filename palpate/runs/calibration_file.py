@@ -135,7 +135,8 @@ def _results(
         values = {"zero": _entry(fit.zero, reading_unit), "scale": _entry(fit.scale, f"N/{reading_unit}")}
         if fit.curvature:
             values["curvature"] = _entry(fit.curvature, f"N/{reading_unit}^2")
-        return values, {
+        drift = {} if fit.drift_n is None else {"drift": _entry(fit.drift_n, "N")}
+        return values, drift | {
             "hysteresis": _entry(fit.hysteresis_n, "N"),
             "nonlinearity": _entry(fit.nonlinearity, "1"),
             "residual_rms": _entry(UncertainValue(fit.rms_n, 0.0), "N"),

@@ -131,6 +131,10 @@ class CalibrateOptions(RunOptions):
     valid_days: Annotated[float, Option(help="Period of validity.", metavar="DAYS", min=0.01, max=3650)] = (
         YEAR_DAYS
     )
+    accept_implausible: Annotated[
+        bool,
+        Option("--accept-implausible", help="Write a calibration although its values are implausible."),
+    ] = False
 
 
 @dataclass(frozen=True, kw_only=True)

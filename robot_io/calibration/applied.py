@@ -156,7 +156,7 @@ def find_large_zero_shift(calibration: Calibration) -> str | None:
 
 
 GRAVITY_M_S2 = 9.81
-_CLOCK_TOLERANCE = timedelta(days=1)
+_CLOCK_TOLERANCE = timedelta(minutes=5)  # by which the clocks of two machines may differ
 
 
 @dataclass(frozen=True)
@@ -288,7 +288,8 @@ def _reject_reason(
         (now_utc >= until, f"expired on {until:%Y-%m-%d}; {remedy}"),
         (
             now_utc + _CLOCK_TOLERANCE < made,
-            f"was made on {made:%Y-%m-%d}, after today ({now_utc:%Y-%m-%d}): set the clock",
+            f"was made on {made.astimezone(UTC):%Y-%m-%d at %H:%M} UTC, after now "
+            f"({now_utc.astimezone(UTC):%Y-%m-%d at %H:%M}): set the clock",
         ),
     )
     reason = next((text for holds, text in reasons if holds), None)

@@ -24,6 +24,7 @@ from palpate.robot_io.files.file_model import (
 
 MAX_BYTES = 64 * 1024  # size of a file
 MOST_JOINTS = 32
+USABLE_GAINS = (0.2, 5.0)  # gains of a torque; others are rejected
 _SMALLEST_SCALE, _LARGEST_SCALE = 0.5, 2.0  # scale of readings in N
 _Text = Annotated[str, Field(min_length=1, max_length=200)]
 _Sha256 = Annotated[str, matching(r"[0-9a-f]{64}", "64 hexadecimal digits, in lower case")]
@@ -126,9 +127,12 @@ def _expect_units(values: FileModel, units: Mapping[str, str]) -> None:
 
 
 def _expect_range(name: str, values: tuple[float, ...], low: float, high: float) -> None:
-    for value in values:
+    for joint, value in enumerate(values, 1):
         if not low <= value <= high:
-            raise problem_at(f"values.{name}.value", f"must be within {low:g} and {high:g} (is {value:g})")
+            at = f" for joint {joint}" if len(values) > 1 else ""
+            raise problem_at(
+                f"values.{name}.value", f"must be within {low:g} and {high:g} (is {value:g}{at})"
+            )
 
 
 class ForceValues(FileModel):
@@ -216,7 +220,7 @@ class TorqueCalibration(Calibration):
     def _check_values(self) -> "TorqueCalibration":
         values = self.values
         _expect_units(values, {"gain": "1", "offset": "N m", "command_offset": "N m"})
-        _expect_range("gain", values.gain.value, 0.2, 5.0)
+        _expect_range("gain", values.gain.value, *USABLE_GAINS)
         if not len(values.gain.value) == len(values.offset.value) == len(values.command_offset.value):
             raise problem_at("values", "gain, offset and command_offset must have one value per joint each")
         return self

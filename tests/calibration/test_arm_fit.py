@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.calibration.arm_fit import ArmMotion, fit_arm
+from palpate.calibration.arm_fit import ArmMotion, fit_arm, implausible_arm
 from palpate.calibration.arm_motion import TORQUE_MOTION, FourierPath, choose_path
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.robot_io.calibration.applied import gravity_base_m_s2
@@ -98,6 +98,53 @@ def test_inertia_of_the_rotors_is_not_read_as_gain_or_tilt(path):
     without = fit_arm(motion, BODY)
     assert np.any(np.abs(without.gain.value - 1.0) > 10 * without.gain.std_err)
     assert without.residual_nm[np.isfinite(without.residual_nm)].std() > 5 * np.nanstd(fit.residual_nm)
+
+
+class TestImplausible:
+    @pytest.fixture(scope="class")
+    @staticmethod
+    def motion(path):
+        return measured(path, np.random.default_rng(5), duration=15.0)
+
+    def test_right_signals_are_plausible(self, motion):
+        assert implausible_arm(fit_arm(motion, BODY), gains_are_applied=True) == []
+
+    def test_swapped_channels_are_named(self, motion):
+        swapped = replace(motion, measured_nm=motion.measured_nm[:, [1, 0, 2]])
+        for gains_are_applied in (True, False):
+            try:
+                words = "; ".join(
+                    implausible_arm(fit_arm(swapped, BODY), gains_are_applied=gains_are_applied)
+                )
+            except InputError as error:  # a gain may be beyond what can be applied
+                words = str(error)
+            assert "joint 1: the gain of its torque is" in words
+            assert "the torques of two joints are swapped" in words
+
+    def test_reversed_sign_is_refused_with_its_joint(self, motion):
+        fit = fit_arm(replace(motion, measured_nm=motion.measured_nm * [-1, 1, 1]), BODY)
+        with pytest.raises(InputError, match=r"^joint 1: the gain of its torque is -1.*sign is reversed"):
+            implausible_arm(fit, gains_are_applied=True)
+        (reason,) = implausible_arm(fit, gains_are_applied=False)
+        assert "sign is reversed" in reason
+
+    def test_saturated_signal_is_named(self, motion):
+        most = 0.7 * np.abs(motion.measured_nm[:, 0]).max()
+        clipped = replace(motion, measured_nm=motion.measured_nm.clip([-most, -99, -99], [most, 99, 99]))
+        reasons = implausible_arm(fit_arm(clipped, BODY), gains_are_applied=True)
+        assert any("joint 1: its measured torque stays at" in reason for reason in reasons)
+        assert not any("joint 2" in reason for reason in reasons)
+
+    def test_drifting_torque_is_implausible(self, motion):
+        drift = np.outer(motion.time_s, [0.0, 0.3, 0.0])
+        reasons = implausible_arm(
+            fit_arm(replace(motion, measured_nm=motion.measured_nm + drift), BODY), gains_are_applied=True
+        )
+        assert any("joint 2: " in reason for reason in reasons)
+
+    def test_constant_torque_is_refused_with_its_joint(self, motion):
+        with pytest.raises(InputError, match="joint 3: its measured torque is always 0 N m"):
+            fit_arm(replace(motion, measured_nm=motion.measured_nm * [1, 1, 0]), BODY)
 
 
 def test_arm_at_rest_is_refused(path):

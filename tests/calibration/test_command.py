@@ -43,6 +43,43 @@ def test_load_cell_record_gives_calibration_file_and_plot(table, tmp_path):
     assert "palpate calibrate force --robot follower --weights-kg" in result.stderr
 
 
+def test_implausible_calibration_needs_consent(tmp_path):
+    """A scale that is known to 10 % at best is not written, unless the user accepts it."""
+    table, out = tmp_path / "bench.csv", tmp_path / "cell.yaml"
+    rows = [
+        f"{kg * 9.8 + (0.0, 6.0, -6.0, 6.0, -6.0, 6.0, -6.0)[step] + 0.01 * (sample % 3)},{kg}"
+        for step, kg in enumerate(KG)
+        for sample in range(20)
+    ]
+    table.write_text("\n".join(["reading_N,reference_kg", *rows]) + "\n")
+    command = ("calibrate", "force", "--from", table, "-o", out)
+    assert_refused(run(*command), "% of the range", "--accept-implausible")
+    assert not out.exists()
+    result = json.loads(done(*command, "--accept-implausible", "--json").stdout)
+    assert any(warning.startswith("implausible: the residual is") for warning in result["warnings"])
+    assert out.exists()
+
+
+def test_saturation_and_drift_are_reported(tmp_path):
+    table, out = tmp_path / "bench.csv", tmp_path / "cell.yaml"
+    kg = (0, 0.5, 1, 2, 3, 2, 1, 0.5, 0)
+    readings = [
+        (min(1 + 9.8 * mass + 0.01 * (sample % 3) + 0.002 * (20 * step + sample), 25.0), mass)
+        for step, mass in enumerate(kg)
+        for sample in range(20)
+    ]
+    rows = [f"{reading},{mass}" for reading, mass in readings]
+    table.write_text("\n".join(["reading_N,reference_kg", *rows]) + "\n")
+    result = json.loads(done("calibrate", "force", "--from", table, "-o", out, "--json").stdout)
+    saturated, drift = result["warnings"]
+    assert "1 of 9 plateaus, under 29.42 N, were left out" in saturated
+    assert "limits.force_n" in saturated
+    assert "drifts by +0.36 N" in drift
+    assert result["findings"]["drift"]["unit"] == "N"
+    text = done("calibrate", "force", "--from", table, "-o", tmp_path / "again.yaml").stdout
+    assert "drifts by" in text
+
+
 @pytest.fixture(scope="module")
 def weighing(tmp_path_factory):
     """The session of a weighing, and what the command said."""
@@ -70,6 +107,8 @@ def test_zeros_from_a_pose_move_nothing_and_a_large_shift_is_reported(tmp_path):
     assert "check again" not in result.stdout
     assert "cp -r" in result.stderr  # what is installed is nobody's to edit
     assert "palpate probe --robot my_follower/follower.yaml" in result.stderr
+    turned = ("calibrate", "encoder", "--pose", "3.05,2.7,2.8", "--from", session, "-o", tmp_path / "t.yaml")
+    assert_refused(run(*turned), "joint 2: its zero is off by +4.1", "more than half a turn", "zero_rad")
     far = tmp_path / "far.yaml"
     result = done("calibrate", "encoder", "--pose", "1.5,1.5,1.5", "--from", session, "-o", far)
     assert "check again" in result.stdout

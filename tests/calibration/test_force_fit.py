@@ -3,7 +3,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from palpate.calibration.force import find_plateaus, fit_force, plateaus_of
+from palpate.calibration.force import find_plateaus, fit_force, implausible_force, plateaus_of
 from palpate.robot_io.errors import InputError
 
 UP_AND_DOWN_N = [0.0, 5.0, 10.0, 20.0, 30.0, 40.0, 30.0, 20.0, 10.0, 5.0, 0.0]
@@ -120,6 +120,78 @@ def test_glitches_and_settling_are_excluded():
     marked = settling < 1e-4
     assert np.abs(find_plateaus(reference + settling, reference, marked).reading - UP_AND_DOWN_N).max() < 1e-4
     assert np.abs(find_plateaus(reference + settling, reference).reading - UP_AND_DOWN_N).max() < 1e-3
+
+
+def bench(rng, *, drift=0.0, tau=0.0, most=np.inf, least=-np.inf, noise=0.02):
+    """A record of the plateaus' samples, at 100 Hz: reading and reference; true scale 1 / 0.9, zero 1.2."""
+    reference = np.repeat(UP_AND_DOWN_N, 150)
+    before = np.repeat([0.0, *UP_AND_DOWN_N[:-1]], 150)
+    time_s = np.arange(len(reference)) / 100.0
+    lag = np.exp(-(time_s % 1.5) / tau) if tau else 0.0
+    force = reference + (before - reference) * lag
+    plateau = np.repeat(rng.normal(0, 0.005, len(UP_AND_DOWN_N)), 150)
+    reading = 1.2 + 0.9 * force + drift * time_s + plateau + rng.normal(0, noise, len(force))
+    return np.clip(reading, least, most), reference
+
+
+@pytest.mark.parametrize(
+    ("limits", "lost_n"),
+    [
+        ({"most": 25.0}, {30.0, 40.0}),  # two forces give the same largest reading
+        ({"most": 30.0}, {40.0}),  # one plateau is constant, all others are noisy
+        ({"least": 3.0}, {0.0}),
+    ],
+)
+def test_saturated_plateaus_are_left_out(limits, lost_n):
+    plateaus = find_plateaus(*bench(np.random.default_rng(1), **limits))
+    fit = fit_force(plateaus)
+    assert set(plateaus.reference_n[~fit.is_used]) == lost_n
+    assert fit.scale.value == pytest.approx(1 / 0.9, abs=3 * fit.scale.std_err)
+    assert fit.scale.std_err < 0.005
+    assert not implausible_force(fit)
+
+
+def test_saturation_that_leaves_too_few_plateaus_is_refused():
+    with pytest.raises(
+        InputError, match=r"9 of 11 plateaus, under 5, 10, 20, 30, 40 N, .* saturated\. Too few"
+    ):
+        fit_force(find_plateaus(*bench(np.random.default_rng(1), most=4.0)))
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.004])
+def test_coarse_resolution_is_not_read_as_saturation(noise):
+    reading, reference = bench(np.random.default_rng(3), noise=noise)
+    assert fit_force(find_plateaus(np.round(reading / 0.1) * 0.1, reference)).is_used.all()
+
+
+def test_reference_shifted_by_half_a_plateau_is_implausible():
+    reading, reference = bench(np.random.default_rng(2))
+    reasons = implausible_force(fit_force(find_plateaus(reading, np.roll(reference, 75))))
+    assert any("% of the range" in reason for reason in reasons)
+    assert any("known only to" in reason for reason in reasons)
+    assert not implausible_force(fit_force(find_plateaus(reading, reference)))
+
+
+def test_drift_is_named_and_the_zero_covers_start_and_end():
+    covered = []
+    for seed in range(20):
+        fit = fit_force(find_plateaus(*bench(np.random.default_rng(seed), drift=0.01)))
+        assert fit.drift_n is not None
+        assert fit.drift_n.value == pytest.approx(0.165 / 0.9, abs=4 * fit.drift_n.std_err)
+        covered += [abs(fit.zero.value - zero) < 2 * fit.zero.std_err for zero in (1.2, 1.2 + 0.165)]
+        assert abs(fit.hysteresis_n.value) < 4 * fit.hysteresis_n.std_err
+    assert np.mean(covered) > 0.9
+    steady = [
+        fit_force(find_plateaus(*bench(np.random.default_rng(seed)))).drift_n is None for seed in range(40)
+    ]
+    assert np.mean(steady) > 0.9
+
+
+def test_slow_settling_is_named_and_does_not_pass_for_hysteresis():
+    fit = fit_force(find_plateaus(*bench(np.random.default_rng(1), tau=0.15)))
+    assert fit.unsettled_n > 0.05
+    assert abs(fit.hysteresis_n.value) < 2 * fit.hysteresis_n.std_err
+    assert not fit_force(find_plateaus(*bench(np.random.default_rng(1)))).unsettled_n
 
 
 @pytest.mark.parametrize(

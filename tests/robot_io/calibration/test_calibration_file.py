@@ -45,7 +45,11 @@ def changed(robot, kind, change):
         ("force", lambda d: d["raw_data"].update(sha256="x"), ("raw_data.sha256",)),
         ("encoder", lambda d: d["values"]["offset"].update(value=[4.0, 0, 0]), ("values.offset", "4")),
         ("encoder", lambda d: d["values"]["offset"].update(std_err=[0.1]), ("offset", "3 values, 1")),
-        ("torque", lambda d: d["values"]["gain"].update(value=[1, 0.0, 1]), ("values.gain", "0.2 and 5")),
+        (
+            "torque",
+            lambda d: d["values"]["gain"].update(value=[1, 0.0, 1]),
+            ("values.gain", "0.2 and 5", "joint 2"),
+        ),
         ("torque", lambda d: d.pop("urdf_sha256"), ("urdf_sha256", "missing")),
         ("gravity", lambda d: d["values"]["pitch"].update(value=3.0), ("values.pitch", "3")),
         ("gravity", lambda d: d["values"].clear(), ("pitch or roll",)),
