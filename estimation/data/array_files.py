@@ -7,7 +7,7 @@ import math
 import re
 import zipfile
 from collections import Counter, deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.estimation.data.column_names import TIME, guess_columns, parse_role, split_unit
+from palpate.estimation.data.column_names import TIME, guess_columns, parse_role, split_unit, words_of
 from palpate.estimation.data.file_columns import FileColumns, check_size, list_first, pa, pc
 from palpate.estimation.data.grouped_files import hdf5_content
 from palpate.estimation.data.table_layout import with_run
@@ -25,6 +25,7 @@ _MAX_COMPRESSION = 50  # assumed compression ratio of a MATLAB file whose variab
 _MIN_CELL_BYTES = 4  # assumed least number of bytes per value
 _MIN_COLUMNS = 3  # least number of columns of a run: time, motion and effort
 _MAX_NESTED = 3  # levels of groups within a run
+_JOINTS = frozenset(["joint", "motor", "servo", "axis", "leg"])  # in names of groups that are no runs
 _MAX_LABEL = 60  # characters of a signal's label that are used
 _BATCH_ROWS = 256
 
@@ -139,7 +140,11 @@ def read_groups(content: Mapping[str, Any], path: Path) -> FileColumns:
     vectors: dict[str, NDArray[Any]] = {}
     named = [(k, v) for k, v in content.items() if isinstance(k, str) and not k.startswith("__")]
     # Fields of several structs, such as force.Data and way.Data, are named by their structs too.
-    fields = Counter(str(key) for _, value in named if isinstance(value, Mapping) for key in value)
+    fields, nested = Counter[str](), deque(value for _, value in named)
+    while nested:
+        if isinstance(value := nested.popleft(), Mapping):
+            fields.update(map(str, value))
+            nested += value.values()
     pending = deque[tuple[str, Any]](named)
     while pending:
         name, value = pending.popleft()
@@ -201,28 +206,38 @@ def _scope_signals(scope: Mapping[str, Any]) -> list[tuple[str, Any]]:
 def _struct_runs(content: Mapping[str, Any]) -> list[tuple[str, dict[str, NDArray[Any]]]]:
     """Return the groups with the same columns, which are runs, by label; empty if there are none.
 
-    Groups without a clock are runs only if their labels differ by a number, such as "demo_0" and "demo_1".
+    Groups without a clock are runs only if their labels differ by a number, such as "demo_0" and "demo_1",
+    which is not that of a joint. If a group around them has a clock, they are parts of one measurement.
     """
     groups: dict[tuple[str, ...], list[tuple[str, dict[str, NDArray[Any]]]]] = {}
-    items = ((str(name), value) for name, value in content.items() if not str(name).startswith("__"))
-    pending = deque[tuple[str, Any]](items)
+    items = {str(name): value for name, value in content.items() if not str(name).startswith("__")}
+    is_timed = _has_clock(_nested_vectors(items))
+    pending = deque((label, value, is_timed) for label, value in items.items())
     while pending:
-        label, value = pending.popleft()
+        label, value, is_timed = pending.popleft()
         if isinstance(value, Mapping):
-            for vectors in (_nested_vectors(value), _nested_vectors(value, _MAX_NESTED)):
+            own = _nested_vectors(value)
+            for vectors in (own, _nested_vectors(value, _MAX_NESTED)):
                 lengths = {len(vector) for vector in vectors.values()}
-                has_clock = any(guess.key == TIME for guess in guess_columns(list(vectors)))
+                has_clock = _has_clock(vectors)
                 kind = "" if has_clock else re.sub(r"\d+", "", label)
                 same = groups.setdefault((kind, *vectors), [])
                 is_inside = any(f"{label}.".startswith(f"{outer}.") for outer, _ in same)
-                if len(lengths) == 1 and len(vectors) >= _MIN_COLUMNS and not is_inside:
+                is_part = is_timed or not _JOINTS.isdisjoint(words_of(kind.rpartition(".")[2]))
+                is_run = len(lengths) == 1 and len(vectors) >= _MIN_COLUMNS and (has_clock or not is_part)
+                if is_run and not is_inside:
                     same.append((label, vectors))
-            pending += [(f"{label}.{key}", part) for key, part in value.items()]
+            is_timed |= _has_clock(own)
+            pending += [(f"{label}.{key}", part, is_timed) for key, part in value.items()]
         elif isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
             parts = value if isinstance(value, list) else value.ravel().tolist()
-            pending += [(f"{label} {number}", part) for number, part in enumerate(parts, 1)]
+            pending += [(f"{label} {number}", part, is_timed) for number, part in enumerate(parts, 1)]
     runs = max(groups.values(), key=lambda each: (len(each), each and len(each[0][1])), default=[])
     return runs if len(runs) > 1 else []
+
+
+def _has_clock(names: Iterable[str]) -> bool:
+    return any(guess.key == TIME for guess in guess_columns(list(names)))
 
 
 def _nested_vectors(group: Mapping[str, Any], depth: int = 0) -> dict[str, NDArray[Any]]:

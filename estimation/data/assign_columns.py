@@ -55,9 +55,8 @@ from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 
-# A counter that rises evenly: largest deviation from its usual step, relative to it, and least share of such
-# steps, since it may restart or skip rows.
-_UNEVEN, _EVEN_SHARE = 0.5, 0.9  # deviation relative to the usual step, and least share of such steps
+# A counter that rises evenly; it may restart or skip rows.
+_UNEVEN, _EVEN_SHARE = 0.5, 0.9  # largest deviation relative to the usual step, and least share of such steps
 
 
 @dataclass(frozen=True)

@@ -56,12 +56,15 @@ class _Hdf5Reader:
                 content |= {} if value is None else {name: value}
         for labels in [name for name in content if name.startswith("block") and name.endswith("_items")]:
             matrix = content.pop(labels.replace("items", "values"), None)
-            names = [label.decode(errors="replace") for label in np.atleast_1d(content.pop(labels)).tolist()]
+            names = [
+                label.decode(errors="replace") if isinstance(label, bytes) else str(label)
+                for label in np.atleast_1d(content.pop(labels)).tolist()
+            ]
             content |= {} if matrix is None else dict(zip(names, np.atleast_2d(matrix.T), strict=False))
         return content
 
     def _value(self, item: h5py.Group | h5py.Dataset | h5py.Datatype, depth: int) -> object:
-        """Return a group, an array, a list of cells or a text; None for anything else."""
+        """Return a group, an array, which may hold cells, or a text; None for anything else."""
         self._members += 1
         if depth > _MAX_DEPTH or self._members > _MAX_MEMBERS:
             limit = f"{_MAX_DEPTH} levels of groups" if depth > _MAX_DEPTH else f"{_MAX_MEMBERS} arrays"
@@ -77,9 +80,12 @@ class _Hdf5Reader:
         check_size(self._path, self._bytes)
         matlab_class = item.attrs.get("MATLAB_class", b"")
         if item.dtype == h5py.ref_dtype:
-            cells = [self._value(item.file[reference], depth + 1) for reference in item[()].T.ravel()]
-            return cells if matlab_class == b"cell" else tuple(cells)
-        array = np.squeeze(item[()].T if matlab_class else item[()])
+            cells = [self._value(item.file[each], depth + 1) for each in item[()].T.ravel() if each]
+            return np.fromiter(cells, object) if matlab_class == b"cell" else tuple(cells)
+        # A record states no size of its texts of any length, so they are not read.
+        fields = [name for name in item.dtype.names or () if not item.dtype[name].hasobject]
+        values = (item.fields(fields) if fields else item)[()]
+        array = np.squeeze(values.T if matlab_class else values)
         if matlab_class == b"char":
             return "".join(map(chr, array.ravel(order="F").tolist()))
         return {name: array[name] for name in array.dtype.names} if array.dtype.names else array
@@ -95,7 +101,8 @@ class _Hdf5Reader:
 
 def _is_readable(item: h5py.Dataset) -> bool:
     """Return whether an array may hold columns and lies within the file itself."""
-    is_kept = item.dtype.kind in "biufSV" or item.dtype == h5py.ref_dtype
+    kinds = [item.dtype[name] for name in item.dtype.names or ()] or [item.dtype]
+    is_kept = item.dtype == h5py.ref_dtype or any(k.kind in "biufSV" and not k.hasobject for k in kinds)
     is_inside = not (item.is_virtual or item.external or "MATLAB_empty" in item.attrs)
     return bool(item.size and is_kept and is_inside and sum(n > 1 for n in item.shape) <= _MAX_AXES)
 
@@ -112,7 +119,8 @@ def tdms_content(path: Path) -> dict[str, Any]:
         InputError: the file is too large.
     """
     content = dict[str, dict[str, Any]]()
-    with nptdms.TdmsFile.open(path) as file:
+    # An index beside the file is not read: it may belong to an earlier recording.
+    with path.open("rb") as opened, nptdms.TdmsFile.open(opened) as file:
         channels = [channel for group in file.groups() for channel in group.channels()]
         numeric = [each for each in channels if each.dtype.kind in "biufM" and len(each)]
         check_size(path, sum(8 * len(channel) for channel in numeric))

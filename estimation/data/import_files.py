@@ -182,7 +182,9 @@ def joined_channels(parts: Sequence[ChannelData]) -> ChannelData:
         surface=first.surface if all(part.surface for part in parts) else None,
         position_step=max(part.position_step for part in parts),
         units={
-            n: unit if all(p.units.get(n) == unit for p in parts) else None for n, unit in first.units.items()
+            n: unit if all(p.units[n] == unit for p in parts) else None
+            for n, unit in first.units.items()
+            if all(n in p.units for p in parts)
         },
         touching=None if all(part.touching is None for part in parts) else np.concatenate(touching),
         shared=None,

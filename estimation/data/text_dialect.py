@@ -95,9 +95,8 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[TableL
             continue
         units_by_row = [_units_in(row, width) for _, row in header]
         with_units = next((number for number, units in enumerate(units_by_row) if units), None)
-        choices: list[tuple[int, int | None]] = [
-            (0, None)
-        ]  # number of the row of names, and of that of units
+        # Numbers of the row of names and of that of units.
+        choices: list[tuple[int, int | None]] = [(0, None)]
         if len(header) > 1 and bool(units_by_row[0]) != bool(units_by_row[1]):
             choices = [(1, 0)] if units_by_row[0] else [(0, 1)]
         # Rows of other words, such as channels, may be between names and numbers.

@@ -44,9 +44,8 @@ _EXCLUDED = {
     ChannelKind.PRISMATIC: frozenset({"inertia", "stiffness", "damping"}),
     ChannelKind.SERVO: frozenset({"inertia", "stiffness", "damping"}),
 }
-_OF_MOTION = frozenset(
-    {"position", "acceleration", "past motion", "time"}
-)  # signals unknown in steady states
+# Signals that are unknown in steady states.
+_OF_MOTION = frozenset({"position", "acceleration", "past motion", "time"})
 _BASES = frozenset({"rigid_body", "rigid_body_fitted"})
 
 

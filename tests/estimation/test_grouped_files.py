@@ -6,6 +6,7 @@ import pytest
 from nptdms import ChannelObject, TdmsWriter
 
 from palpate.estimation.channel import ChannelKind
+from palpate.estimation.data.grouped_files import hdf5_content
 from palpate.estimation.data.import_file import import_file
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import read_table
@@ -62,6 +63,29 @@ def test_records_and_pandas_tables_are_columns(tmp_path):
         frame["block1_items"] = np.array([b"Force (N)"])
         frame["block1_values"] = FORCE_N[:, None]
     check_press(import_file(tmp_path / "pandas.h5"))
+    with h5py.File(tmp_path / "numbered.h5", "w") as file:
+        file["frame/block0_items"] = np.arange(2)
+        file["frame/block0_values"] = Q
+    assert read_table(tmp_path / "numbered.h5").names == ("0", "1")
+
+
+def test_texts_of_any_length_in_records_are_not_read(tmp_path):
+    """Their size is unknown: many records of a small file may refer to one long text."""
+    records = np.zeros(3, [("note", h5py.string_dtype()), ("Time_s", float)])
+    records["note"], records["Time_s"] = "by hand", np.arange(3.0)
+    with h5py.File(tmp_path / "notes.h5", "w") as file:
+        file["press"] = records
+        file["only texts"] = records[["note"]]
+    content = hdf5_content(tmp_path / "notes.h5")
+    assert content.keys() == {"press"}
+    assert content["press"].keys() == {"Time_s"}
+
+
+def test_reference_to_nothing_is_left_out(tmp_path):
+    with h5py.File(tmp_path / "press.h5", "w") as file:
+        file["Time_s"], file["Way_mm"], file["Force_N"] = TIME_S, 1e3 * WAY_M, FORCE_N
+        file["links"] = np.array([file["Time_s"].ref, h5py.Reference()], dtype=h5py.ref_dtype)
+    check_press(import_file(tmp_path / "press.h5"))
 
 
 def matlab(file, name, values, kind="double"):
@@ -108,6 +132,18 @@ def test_structs_of_matlab_7_3_are_runs(tmp_path, kind):
     assert "3 groups with the same columns, read as runs" in imported.read
     (channel,) = imported.channels
     np.testing.assert_allclose(channel.effort, np.concatenate([Q[:, 1] + n for n in range(3)]))
+
+
+def test_cells_of_matlab_7_3_are_a_matrix(tmp_path):
+    path = tmp_path / "cells.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        columns = [TIME_S, Q[:, 0], Q[:, 1]]
+        cells = [matlab(file, f"#refs#/{n}", values[None]).ref for n, values in enumerate(columns)]
+        matlab(file, "data", np.array(cells, dtype=h5py.ref_dtype)[:, None], "cell")
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: PCWIN64".ljust(116) + bytes(8) + b"\x00\x02IM")
+    table = read_table(path)
+    np.testing.assert_allclose([table.numbers(f"data {n}") for n in (1, 2, 3)], columns)
 
 
 def test_object_of_matlab_is_named(tmp_path):
@@ -166,6 +202,7 @@ def test_channels_of_tdms_have_units_and_the_time_of_their_waveforms(tmp_path):
             ]
         )
         file.write_segment([ChannelObject("Press", "remark", ["by hand"])])
+    (tmp_path / "press.tdms_index").write_text("of another recording")
     check_press(import_file(tmp_path / "press.tdms"))
 
 

@@ -103,6 +103,30 @@ def test_structs_without_a_clock_are_no_runs(tmp_path):
     assert "run" not in read_table(tmp_path / "vectors.mat").names
 
 
+@pytest.mark.parametrize("outer", ["t", "log.t", ""])
+def test_structs_of_joints_are_no_runs(tmp_path, outer):
+    """One clock beside them was lost, and joints became runs."""
+    names = ["joint1", "joint2"] if not outer else ["part1", "part2"]
+    parts = {name: {"q": WAY_M + n, "dq": WAY_M, "tau": FORCE_N} for n, name in enumerate(names)}
+    inside = parts | ({"t": TIME_S} if outer else {})
+    savemat(tmp_path / "arm.mat", {"log": inside} if "." in outer else inside)
+    table = read_table(tmp_path / "arm.mat")
+    assert "run" not in table.names
+    assert ("t" in table.names) == bool(outer)
+    for n, name in enumerate(names):
+        np.testing.assert_allclose(table.numbers(f"{name}.q"), WAY_M + n)
+
+
+def test_time_of_only_some_files_is_not_that_of_all(tmp_path):
+    files = [
+        saved(tmp_path / "a.csv", HEADER + lines(TIME_S, 1e3 * WAY_M, FORCE_N)),
+        saved(tmp_path / "b.csv", "Travel [mm],Load [N]\n" + lines(1e3 * WAY_M, FORCE_N)),
+    ]
+    for both in (files, files[::-1]):
+        (channel,) = import_files(both, ImportOptions()).channels
+        assert not channel.has_time
+
+
 def archive(path, files):
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as zipped:
         for name, text in files.items():
