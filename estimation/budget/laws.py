@@ -56,7 +56,7 @@ _MIN_WAVES = 3  # least number of waves within a narrower range; fewer resemble 
 # Forces of the object, which can only push. Friction may act on the sides of the tool, and adhesion pulls.
 OBJECT_KINDS = frozenset({Kind.ELASTIC_SHAPE, Kind.RATE_DEPENDENCE, Kind.TIME_MEMORY, Kind.CONTACT_GEOMETRY})
 # Kinds that depend on the position, the time or the past motion.
-_OF_MOTION = {Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY, Kind.PERIODIC, Kind.GRAVITY_LOAD, Kind.DRIFT}
+_MOTION_KINDS = {Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY, Kind.PERIODIC, Kind.GRAVITY_LOAD, Kind.DRIFT}
 COLLINEAR = 1e-9  # ridge penalty of the base model's columns, too small to shrink them
 GRAVITY_RANGE = 0.3  # [rad]; over a narrower range gravity resembles a constant and a spring
 
@@ -182,7 +182,7 @@ def unseen_kinds(data: ChannelData) -> frozenset[Kind]:
     """
     unseen = set[Kind]() if data.has_time else {Kind.SENSOR_DYNAMICS, Kind.INERTIA}
     if data.is_steady:
-        unseen |= _OF_MOTION
+        unseen |= _MOTION_KINDS
     if data.kind is not ChannelKind.CONTACT:
         return frozenset(unseen | ({Kind.SENSOR_STATICS} if is_stepwise_command(data) else set()))
     zero = zero_in_free_air(data)

@@ -45,7 +45,7 @@ _EXCLUDED = {
     ChannelKind.SERVO: frozenset({"inertia", "stiffness", "damping"}),
 }
 # Signals that are unknown in steady states.
-_OF_MOTION = frozenset({"position", "acceleration", "past motion", "time"})
+_MOTION_SIGNALS = frozenset({"position", "acceleration", "past motion", "time"})
 _BASES = frozenset({"rigid_body", "rigid_body_fitted"})
 
 
@@ -138,7 +138,7 @@ def applicable_effects(data: ChannelData, model: Model, effects: Iterable[Effect
     # If the model has a weight, a tilt changes its direction. Otherwise a tilt would be an arbitrary term in
     # sin and cos.
     skipped = _EXCLUDED[data.kind] | _BASES | present | {"weight" if present & HEAVY else "gravity_tilt"}
-    unseen, unknown = unseen_kinds(data), _OF_MOTION if data.is_steady else frozenset[str]()
+    unseen, unknown = unseen_kinds(data), _MOTION_SIGNALS if data.is_steady else frozenset[str]()
     return tuple(
         effect.suited_to(data)
         for effect in effects

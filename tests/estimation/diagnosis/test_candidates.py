@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from palpate.estimation.budget.laws import unseen_kinds
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.data.import_file import import_file
 from palpate.estimation.data.import_options import ImportOptions
@@ -21,7 +22,7 @@ from palpate.estimation.diagnosis.candidates import (
     parameter_count,
     screen_effects,
 )
-from palpate.estimation.effect import AdditiveEffect, Parameter
+from palpate.estimation.effect import AdditiveEffect, Kind, Parameter
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_problem import Solution, solve_gains
 from palpate.estimation.fit.fit_result import fit_model
@@ -349,6 +350,9 @@ def test_steady_states_get_no_law_of_motion_or_time(tmp_path):
     assert {"coulomb_friction", "quadratic_friction", "bias"} <= {effect.name for effect in tried}
     for effect in tried:
         assert {"position", "acceleration", "past motion", "time"}.isdisjoint(effect.signals), effect.name
+    unseen = unseen_kinds(steady)  # for the flexible laws of the budget
+    assert {Kind.ELASTIC_SHAPE, Kind.DRIFT} <= unseen
+    assert Kind.RATE_DEPENDENCE not in unseen
 
 
 def test_delay_needs_recorded_times(tmp_path):

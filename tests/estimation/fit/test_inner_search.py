@@ -206,3 +206,10 @@ def test_parameter_that_begins_at_its_bound_is_released():
     ]
     assert fits[1].solution.sse == pytest.approx(fits[0].solution.sse, rel=1e-4)
     assert fits[1].solution.parameters["power_law_relaxation.share"] == pytest.approx(0.55, abs=0.05)
+
+
+@pytest.mark.parametrize(("exponent", "expected"), [(1.006, 1.0), (1.008, 1.0034)])
+def test_parameter_keeps_its_bound_unless_the_error_falls_noticeably(exponent, expected):
+    one = problem(pressed(lambda x, v: 50.0 * np.abs(x) ** exponent, ChannelKind.REVOLUTE, noise=2.0))
+    found = optimize_inner(one, solve_gains(one, Model("m", (Power(),)), {"power.n": 1.0}))
+    assert found.parameters["power.n"] == pytest.approx(expected, abs=1e-4)
