@@ -11,6 +11,7 @@ class Level(StrEnum):
 
     OK = "ok"
     WARN = "warn"  # works, but not as well as it should; or an optional part is missing
+    SKIP = "skip"  # could not be checked; the remedy is what would check it
     FAIL = "fail"  # the arm must not be powered, or palpate will not work
 
 
@@ -45,6 +46,7 @@ class Examinable(ABC):
 
 ok = partial(Finding, level=Level.OK)  # without a remedy
 warn = partial(Finding, level=Level.WARN)
+skip = partial(Finding, level=Level.SKIP)
 fail = partial(Finding, level=Level.FAIL)
 
 

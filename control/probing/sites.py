@@ -16,6 +16,7 @@ JointLimits = tuple[FloatArray, FloatArray]
 _LIFT_ROOM_M = 0.1  # smallest lift above the highest target's clearance, for the move to the next target
 _FORCE_MARGIN = 1.1  # margin for the overshoot of touch and loading
 _SPEED_MARGIN = 1.1  # margin for the encoder's noise and the controller's corrections
+_TURNED_RAD = 0.5  # turn of a joint from which the tool does not point along the press line
 _STEPS = 20  # checked points of a press line
 
 
@@ -100,10 +101,18 @@ def probing_sites(
         search_m = min(plan.search_depth_m, deepest_m)
         run_up_m = blend_distance_m(max(plan.speeds_m_s), plan.acceleration_m_s2)
         if search_m <= run_up_m:
+            turn_rad = line.joint_motion(LineState(0.0), position_rad).position_rad - position_rad
+            joint = int(np.abs(turn_rad).argmax())
+            turned = ""
+            if not starts and abs(turn_rad[joint]) > _TURNED_RAD:
+                turned = (
+                    f". To push in this direction, the tool must first turn (joint {joint + 1} by "
+                    f"{turn_rad[joint]:+.2f} rad); if it points there already, correct sensor_axis_tip"
+                )
             raise InputError(
                 f"{name}: within its joint limits the arm can move only {deepest_m * 1e3:.0f} mm beyond "
                 f"the start of the approach, but it needs more than {run_up_m * 1e3:.1f} mm to reach its "
-                "speed"
+                f"speed{turned}"
             )
         site = ProbingSite(line, search_m, deepest_m, max(lifted_m, -clearance_m), lifted_m)
         sites.append(site)

@@ -20,6 +20,7 @@ from palpate.runs.robots import describe_wires, find_robot, importable, is_simul
 MARKS = {
     Level.OK: "[green]ok[/green]",
     Level.WARN: "[yellow]warn[/yellow]",
+    Level.SKIP: "[cyan]skip[/cyan]",
     Level.FAIL: "[bold red]fail[/bold red]",
 }
 QUESTION = (
@@ -81,8 +82,11 @@ def doctor_command(  # noqa: PLR0917, one parameter an option
         verdict = (f"'{name}' {well}", f"'{name}' must not be powered like this")
     failed = any(finding.level is Level.FAIL for finding in findings)
     levels = [finding.level for finding in findings]
-    warned, broken = levels.count(Level.WARN), levels.count(Level.FAIL)
-    counts = f"{count(len(levels), 'check')}, {count(warned, 'warning')}, {count(broken, 'failure')}"
+    warned, broken, skipped = (levels.count(level) for level in (Level.WARN, Level.FAIL, Level.SKIP))
+    counts = (
+        f"{count(len(levels) - skipped, 'check')}, {count(warned, 'warning')}, {count(broken, 'failure')}"
+    )
+    counts += f", {skipped} not checked" if skipped else ""
     steps = []
     if check is not None and robot is not None:
         steps = _next_steps(check, robot, as_built, failed, NOT_POWERED in findings)

@@ -18,7 +18,7 @@ from palpate.robot_io.calibration.applied import find_large_zero_shift, load_cal
 from palpate.robot_io.clock import Clock, MonotonicClock, SimulatedClock
 from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.errors import DeviceError, InputError, PalpateError, describe_error
-from palpate.robot_io.examination import Examinable, Finding, Level, fail, graded, warn
+from palpate.robot_io.examination import Examinable, Finding, Level, fail, graded, skip, warn
 from palpate.robot_io.interfaces import Component, undo_all
 from palpate.robot_io.robot import Robot, build_robot
 from palpate.robot_io.robot_file import RobotFile
@@ -32,6 +32,14 @@ _WIRING = "see docs/how-to/hardware.md, 'Wiring'"
 NOT_POWERED = warn(
     "drives", "not examined: the arm has no power", "run palpate doctor --move and confirm its question"
 )
+
+_UNCHECKED = {  # by the calibration that checks it
+    "encoder": skip("zeros", "not checked beyond the torques above", "palpate calibrate encoder"),
+    "force": skip(
+        "scale of the force", "not checked: the press had no known force", "palpate calibrate force"
+    ),
+    "": skip("lengths of the links", "not checked: no command measures them", "measure from axis to axis"),
+}
 
 
 @dataclass(frozen=True)
@@ -89,13 +97,14 @@ def examine_arm(check: ArmCheck) -> Iterator[Finding]:
         ]
         if check.move:
             stages += [
-                lambda: _with_robot(make, lambda robot: examine_signs(robot, body, hand)),
+                lambda: _with_robot(make, lambda robot: examine_signs(robot, robot_file, body, hand)),
                 lambda: _with_robot(make, powered) if check.may_power() else iter([NOT_POWERED]),
+                lambda: (finding for kind, finding in _UNCHECKED.items() if kind not in calibrations.kinds),
             ]
         for stage in stages:
             failed = False
             for finding in stage():
-                failed = failed or finding.level is Level.FAIL
+                failed = failed or finding.level is Level.FAIL or finding is NOT_POWERED
                 yield finding
             if failed:
                 return

@@ -18,6 +18,9 @@ _WEIGHTS = 10.0  # multiple of the arm's largest gravity torque, enough for all 
 _SPEEDS = 2.0  # multiple of the URDF's speed, above the speed that a servo can reach
 _WIDE_TRACKING_RAD, _NO_TRACKING_RAD = 0.3, 1.0
 _ROUNDING_RAD = 1e-3
+_STILL_M, _OUTWARDS = 1e-3, 0.5  # motion per rad, and cosine between the tool's direction and its last link
+_PLAIN_SHARE = 0.3  # share of a direction from which an axis is mentioned
+_DIRECTIONS = (("forwards", "backwards"), ("to the left", "to the right"), ("up", "down"))
 _LATCHES = ("unresponsive_drive_s", "stuck_encoder_s", "stuck_force_s")
 _LONG_LATCH_S, _NO_LATCH_S = 0.1, 1.0
 _WARN, _FAIL = Level.WARN, Level.FAIL
@@ -80,6 +83,7 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
                 (_WARN, watchdog_s > _LONG_WATCHDOG_S, long),
             )
     yield _force(robot_file)
+    yield _sensor_axis(robot_file, body)
     yield _torque(limits, body, float(weight_nm.max()))
     yield _position(limits, body)
     limit_rad_s, urdf_rad_s = np.array(limits.velocity_rad_s), body.velocity_limits_rad_s
@@ -131,6 +135,38 @@ def _force(robot_file: RobotFile) -> Finding:
     remedy = "the sensor saturates first: lower force_n, or correct the capacity"
     value = f"{limit_n:g} N, but the sensor's range ends at {capacity_n:g} N"
     return graded("force limit", value, (_FAIL, limit_n >= capacity_n, remedy))
+
+
+def _sensor_axis(robot_file: RobotFile, body: RigidBody) -> Finding:
+    """Check that the tool pushes away from its last joint, in a direction in which the joints move it."""
+    home_rad, axis = np.array(robot_file.home_rad), np.array(robot_file.sensor_axis_tip)
+    push = body.tip_pose(home_rad)[1] @ axis
+    at_zero_m, zero_rotation = body.tip_pose(np.zeros_like(home_rad))
+    lever_m = at_zero_m - body.joint_axes()[-1].origin_world_m
+    outwards = float(zero_rotation @ axis @ lever_m) / max(float(np.linalg.norm(lever_m)), 1e-9)
+    moved_m = np.abs(push @ body.tip_jacobian(home_rad)[:3]).max()  # by a turn of 1 rad of each joint
+    return graded(
+        "sensor_axis_tip",
+        f"the tool pushes {describe_direction(push)} when the arm is at home",
+        (_FAIL, moved_m < _STILL_M, "no joint moves the tool in this direction: correct it"),
+        (_FAIL, outwards < -_OUTWARDS, "this is back towards the arm: reverse it, or correct tip_frame"),
+        (
+            _WARN,
+            outwards < _OUTWARDS,
+            "this is across the last link: correct it if the tool does not push so",
+        ),
+    )
+
+
+def describe_direction(vector: FloatArray) -> str:
+    """Describe a direction in the world, such as "up and forwards".
+
+    Args:
+        vector: shape (3,), of any length above 0.
+    """
+    shares = np.abs(vector) / np.linalg.norm(vector)
+    axes = [axis for axis in np.argsort(-shares) if shares[axis] > _PLAIN_SHARE]
+    return " and ".join(_DIRECTIONS[axis][int(vector[axis] < 0)] for axis in axes)
 
 
 def _torque(limits: Limits, body: RigidBody, heaviest_nm: float) -> Finding:

@@ -1,6 +1,8 @@
 """Check the signs of an arm's joints and force sensor, by hand and under power."""
 
-from collections.abc import Callable, Iterator
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,8 +15,8 @@ from palpate.control.loop.result import Outcome
 from palpate.control.loop.task import Phase, TaskOutput
 from palpate.control.loop.tick_record import NO_ESTIMATE, Estimates
 from palpate.control.paths.trajectory import JointMotion
-from palpate.doctor.limits import random_poses_rad
-from palpate.robot_io.examination import Finding, Level, fail, graded, ok
+from palpate.doctor.limits import describe_direction, random_poses_rad
+from palpate.robot_io.examination import Finding, Level, fail, graded, ok, skip
 from palpate.robot_io.guard import Guard, Limits
 from palpate.robot_io.robot import Robot
 from palpate.robot_io.robot_file import RobotFile
@@ -25,8 +27,6 @@ from palpate.sim_backend.emulators.hardware import Plant
 _MOVED_RAD = 0.12  # half of the requested turn
 _PRESSED_N = 2.0
 _SHOWN_RAD = 0.25
-_PLAIN_M = 0.3  # share of the tip's motion from which an axis is mentioned
-_DIRECTIONS = (("forwards", "backwards"), ("to the left", "to the right"), ("up", "down"))
 _START_S = 0.1
 _STEP_S, _PATIENCE_S = 1e-3, 0.02  # a long patience is safe, because the arm has no power
 _STILL_S = 0.5  # duration without motion after which the arm is at rest
@@ -46,7 +46,13 @@ _STAY_S, _NUDGE_S = 0.5, 1.2
 _TRACKING_RAD = 0.03  # less than the nudge, so that the guard stops a blocked joint before it is pushed hard
 _PUSH_SHARE = 0.15  # push beyond the arm's weight, as a share of the torque limit
 _FOLLOWED = 0.7  # share of a nudge that the joint must follow
-_SHARE, _FLOOR_NM = 0.3, 0.3  # share of the gravity torque that friction and gearing may hide
+_SPEED_SHARE = 0.2  # error of reported speeds, which some servos round
+_SHARES = 0.2, 0.5  # error of a torque, as a share of the smaller one, from which it is a warning, a failure
+_FLOOR_SHARE = 0.01  # error of the torque reading, as a share of the joint's torque limit
+_CLEAR = (
+    3.0  # multiple of friction and reading error from which a torque that is wrong by a factor of 2 shows
+)
+_STOP_S, _FEWEST_TICKS = 0.1, 10  # part of the motion that is examined after a stop
 
 
 RESTLESS = fail("rest", "the arm does not come to rest", "let it lie or hang freely, and do not touch it")
@@ -125,11 +131,14 @@ class EmulatedOperator(ArmOperator):
         self._world.place(self._home_rad)
 
 
-def examine_signs(robot: Robot, body: RigidBody, hand: ArmOperator) -> Iterator[Finding]:
+def examine_signs(
+    robot: Robot, robot_file: RobotFile, body: RigidBody, hand: ArmOperator
+) -> Iterator[Finding]:
     """Ask for a turn of each joint and a press on the tool, and check the measured signs.
 
     Args:
         robot: configured robot, without power.
+        robot_file: robot file of this robot.
         body: the arm's kinematics.
         hand: turns the joints and presses the tool.
     """
@@ -144,7 +153,9 @@ def examine_signs(robot: Robot, body: RigidBody, hand: ArmOperator) -> Iterator[
         yield RESTLESS
         return
     rest_n = _force_n(_read_for(robot, _START_S))
-    hand.press("against the tip of the tool, towards the arm")
+    tip_rotation = body.tip_pose(_read_for(robot, _START_S)[-1].joint_position_rad)[1]
+    pressed = -tip_rotation @ robot_file.sensor_axis_tip
+    hand.press(f"against the tip of the tool: {describe_direction(pressed)}, opposite to its sensor_axis_tip")
     yield _force_finding(float(_watch(robot, hand, lambda m: np.array([m.force_n]), _PRESSED_N)[0]))
     hand.leave()
     if _wait_until(robot, hand, lambda newest: abs(_force_n(newest) - rest_n) < _TOUCHED_N):
@@ -160,11 +171,11 @@ def _tip_motion(body: RigidBody, angles_rad: FloatArray, joint: int) -> str:
     turned_rad = angles_rad.copy()
     turned_rad[joint] += _SHOWN_RAD
     way_m = body.tip_pose(turned_rad)[0] - body.tip_pose(angles_rad)[0]
-    length_m = float(np.linalg.norm(way_m))
-    if length_m < 1e-3:
-        return "to its positive side"
-    axes = [axis for axis in np.argsort(-np.abs(way_m)) if abs(way_m[axis]) > _PLAIN_M * length_m]
-    return f"the tip goes {' and '.join(_DIRECTIONS[axis][int(way_m[axis] < 0)] for axis in axes)}"
+    return (
+        f"the tip goes {describe_direction(way_m)}"
+        if np.linalg.norm(way_m) >= 1e-3
+        else "to its positive side"
+    )
 
 
 def _joint_finding(joint: int, moved_rad: FloatArray) -> Finding:
@@ -321,29 +332,108 @@ def examine_powered(
         raise KeyboardInterrupt
     if result.deactivation_error:
         yield fail("torque off", result.deactivation_error, "cut the power supply now")
+    floor_nm = _FLOOR_SHARE * np.array(robot_file.limits.torque_nm)
     if result.outcome is not Outcome.FINISHED:
-        remedy = (
-            "see the joints above; check the masses in the URDF, and 'reversed', 'zero_rad' and torque "
-            "constants in the robot file"
-        )
-        yield fail("small motion", f"the guard stopped it: {result.cause}", remedy)
+        yield from _stopped(measured, body, floor_nm, result.cause)
         return
-    time_s = np.array([m.time_s for m in measured]) - measured[0].time_s
-    position_rad = np.array([m.joint_position_rad for m in measured])
-    still = (time_s > 0.5 * _STAY_S) & (time_s < _STAY_S)
-    held_nm: FloatArray = np.array([m.joint_torque_nm for m in measured])[still].mean(axis=0)
-    weight_nm = body.gravity(position_rad[still].mean(axis=0))
-    joints = zip(np.ptp(position_rad, axis=0), held_nm, weight_nm, strict=True)
-    for joint, (moved_rad, own_nm, own_weight_nm) in enumerate(joints, 1):
-        off_nm = abs(own_nm - own_weight_nm)
-        value = (
-            f"moved {moved_rad:.3f} of {NUDGE_RAD:g} rad; holds {own_nm:+.2f} N m, while the URDF's masses "
-            f"require {own_weight_nm:+.2f} N m"
+    time_s = np.array([m.time_s for m in measured]) - measured[0].time_s - _STAY_S
+    for joint in range(robot_file.joint_count):
+        begun = np.searchsorted(time_s, [(joint + half) * _NUDGE_S for half in (0.0, 0.5, 1.0)])
+        there, back = (MeanMotion.of(measured[first:last], body) for first, last in itertools.pairwise(begun))
+        yield from _nudged(joint, there, back, floor_nm[joint])
+
+
+class MeanMotion(NamedTuple):
+    """Motion of all joints over a while, with its torques; each shape (n,)."""
+
+    moved_rad: FloatArray  # by the positions [rad]
+    reported_rad: FloatArray  # integral of the reported velocities [rad]
+    held_nm: FloatArray  # mean of the reported torques [N m]
+    required_nm: FloatArray  # mean torque that this motion requires without friction [N m]
+
+    @classmethod
+    def of(cls, measured: Sequence[Measurement], body: RigidBody) -> "MeanMotion":
+        """Compute the means, with the acceleration of a parabola through the positions."""
+        time_s = np.array([m.time_s for m in measured])
+        position_rad = np.array([m.joint_position_rad for m in measured])
+        velocity_rad_s = np.array([m.joint_velocity_rad_s for m in measured])
+        acceleration_rad_s2 = 2.0 * np.polyfit(time_s - time_s[0], position_rad, 2)[0]
+        middle_rad = position_rad.mean(axis=0)
+        return cls(
+            position_rad[-1] - position_rad[0],
+            velocity_rad_s.mean(axis=0) * (time_s[-1] - time_s[0]),
+            np.mean([m.joint_torque_nm for m in measured], axis=0),
+            body.inverse_dynamics(middle_rad, np.zeros_like(middle_rad), acceleration_rad_s2),
         )
-        stuck = "it does not follow: friction, a low torque limit, or a wrong torque constant"
-        is_stuck, is_off = moved_rad < _FOLLOWED * NUDGE_RAD, off_nm > _SHARE * abs(own_weight_nm) + _FLOOR_NM
-        remedy = "check masses and torque constants; then palpate calibrate torque, gravity"
-        yield graded(f"drive of joint {joint}", value, (_FAIL, is_stuck, stuck), (Level.WARN, is_off, remedy))
+
+
+def _nudged(joint: int, there: MeanMotion, back: MeanMotion, floor_nm: float) -> Iterator[Finding]:
+    """Check how a joint moves and how much it carries; friction is half the difference of both ways."""
+    moved_rad = abs(float((there.moved_rad - back.moved_rad)[joint])) / 2
+    share = abs(float((there.reported_rad - back.reported_rad)[joint])) / 2 / max(moved_rad, 1e-9)
+    is_stuck = moved_rad < _FOLLOWED * NUDGE_RAD
+    is_scaled = not is_stuck and not abs(share - 1.0) <= _SPEED_SHARE
+    value = f"moved {moved_rad:.3f} of {NUDGE_RAD:g} rad"
+    value += f"; its reported speeds are {share:.2f} of those of its positions" * is_scaled
+    stuck = "it does not follow: friction, a low torque limit, or a wrong torque constant"
+    model = "its torques have a wrong scale too: correct its model in the robot file"
+    yield graded(f"drive of joint {joint + 1}", value, (_FAIL, is_stuck, stuck), (_FAIL, is_scaled, model))
+    excess_nm = (there.held_nm - there.required_nm - back.held_nm + back.required_nm)[joint]
+    held_nm, required_nm = (there.held_nm + back.held_nm) / 2, (there.required_nm + back.required_nm) / 2
+    yield _torque_finding(joint, held_nm[joint], required_nm[joint], floor_nm, abs(float(excess_nm)) / 2)
+
+
+def _torque_finding(
+    joint: int, held_nm: float, required_nm: float, floor_nm: float, friction_nm: float = 0.0
+) -> Finding:
+    """Compare a joint's mean torque with the URDF's; an error of a factor of 2 must be visible."""
+    hidden_nm, off_nm = floor_nm + friction_nm, abs(held_nm - required_nm)
+    warn_nm, fail_nm = (share * min(abs(held_nm), abs(required_nm)) + hidden_nm for share in _SHARES)
+    subject = f"torque of joint {joint + 1}"
+    value = (
+        f"{held_nm:+.2f} N m, while the URDF's masses require {required_nm:+.2f} N m (tolerance "
+        f"{warn_nm:.2f} N m, friction {friction_nm:.2f} N m)"
+    )
+    if off_nm <= warn_nm and abs(required_nm) < _CLEAR * hidden_nm:
+        return skip(subject, f"not checked, too small here: {value}", "palpate calibrate torque")
+    remedy = (
+        f"check its model, gear ratio and torque constant, zero_rad of joints 1 to {joint + 1}, and the "
+        "URDF's masses and lengths; then palpate calibrate torque, gravity"
+    )
+    is_wrong, is_off = not off_nm <= fail_nm, not off_nm <= warn_nm  # both true for NaN
+    return graded(subject, value, (_FAIL, is_wrong, remedy), (Level.WARN, is_off, remedy))
+
+
+def _stopped(
+    measured: Sequence[Measurement], body: RigidBody, floor_nm: FloatArray, cause: str
+) -> Iterator[Finding]:
+    """Name the joints whose torques contradict the last motion before the guard stopped the arm."""
+    last = [m for m in measured if m.time_s > measured[-1].time_s - _STOP_S]
+    last = [m for m in last if max(m.encoder_status, m.torque_status) < Status.FAULT]
+    suspects = list[int]()
+    # A contact explains any torque.
+    if len(last) >= _FEWEST_TICKS and not abs(last[-1].force_n - measured[0].force_n) > _TOUCHED_N:
+        motion = MeanMotion.of(last, body)
+        for joint in range(body.joint_count):
+            finding = _torque_finding(
+                joint, motion.held_nm[joint], motion.required_nm[joint], floor_nm[joint]
+            )
+            if finding.level in {Level.WARN, _FAIL}:
+                suspects.append(joint + 1)
+                yield finding
+    remedy = (
+        "see the joints above; check the masses in the URDF, and 'reversed', 'zero_rad' and torque "
+        "constants in the robot file"
+    )
+    if suspects:
+        cause = cause.partition(";")[0]
+        remedy = f"only the torque of joint {suspects[0]} contradicts the motion: see its line"
+    if len(suspects) > 1:
+        remedy = (
+            f"joints {', '.join(map(str, suspects))} contradict the motion and cannot be told apart: compare "
+            "the pose above with the arm's (zero_rad, gear ratio), then check models and masses"
+        )
+    yield fail("small motion", f"the guard stopped it: {cause}", remedy)
 
 
 def _reduced_limits(limits: Limits, body: RigidBody) -> Limits:

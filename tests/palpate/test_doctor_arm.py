@@ -28,7 +28,10 @@ from tests.robot_io.calibration.parts import calibration_of
 pytestmark = pytest.mark.slow
 
 ROBOTS = ROOT / "robots"
-DYNAMIXEL, ODRIVE, CUBEMARS = (ROBOTS / f"{name}_3dof.yaml" for name in ("dynamixel", "odrive", "cubemars"))
+DYNAMIXEL, ODRIVE, CUBEMARS, ROBSTRIDE = (
+    ROBOTS / f"{name}_3dof.yaml" for name in ("dynamixel", "odrive", "cubemars", "robstride")
+)
+UNCHECKED = ["torque of joint 3", "zeros", "scale of the force", "lengths of the links"]
 
 
 def changed(path, *changes):
@@ -79,6 +82,9 @@ def test_valid_arm_passes_all_checks_and_ends_without_torque(path, plants):
     assert not failures(findings)
     subjects = {finding.subject for finding in findings}
     assert {"sign of joint 3", "sign of the force", "drive of joint 3", "rate of motors"} <= subjects
+    assert [finding.subject for finding in findings if finding.level is Level.SKIP] == UNCHECKED
+    warned = {finding.subject for finding in findings if finding.level is Level.WARN}
+    assert warned <= ({"rate of motors"} if path is ODRIVE else set())
     assert np.abs(plants).max() < 0.02
 
 
@@ -280,10 +286,93 @@ def test_arm_heavier_than_its_urdf_shows_in_the_small_motion(plants):
         DYNAMIXEL, ("urdf: dynamixel_3dof.urdf", "urdf: ../sim_backend/arms/follower/follower.urdf")
     )
     findings = examined(DYNAMIXEL, as_built=heavy, move=True, may_power=lambda: True)
-    bad = [finding.subject for finding in findings if finding.level is not Level.OK]
+    bad = [finding.subject for finding in findings if finding.level in {Level.WARN, Level.FAIL}]
     assert bad
-    assert all(subject.startswith(("drive of", "small motion")) for subject in bad)
+    assert all(subject.startswith(("drive of", "torque of", "small motion")) for subject in bad)
     assert np.abs(plants).max() < 0.02
+
+
+STOP, TORQUES = "small motion", ["torque of joint 1", "torque of joint 2"]
+TWO, SERVO = ["torque of joint 1", "torque of joint 3"], "id: 2, model: XM540-W270, zero_rad: 3.14159265"
+ALONE = "only the torque of joint {} contradicts the motion"
+
+
+@pytest.mark.parametrize(
+    ("path", "old", "new", "subjects", "words"),
+    [
+        (ROBSTRIDE, "3, model: RS00", "3, model: RS03", ["drive of joint 3"], "correct its model"),
+        (ROBSTRIDE, "3, model: RS00", "3, model: RS01", ["drive of joint 3"], "correct its model"),
+        (ROBSTRIDE, "1, model: RS03", "1, model: RS04", ["torque of joint 1", STOP], ALONE.format(1)),
+        (ROBSTRIDE, "2, model: RS03", "2, model: RS04", ["torque of joint 2", STOP], ALONE.format(2)),
+        (ROBSTRIDE, "2, reversed", "2, zero_rad: 1.5708, reversed", ["torque of joint 3", STOP], "joint 3"),
+        (ROBSTRIDE, "RS03, gear_ratio: 2}", "RS03, gear_ratio: 1}", TWO, "zero_rad of joints 1 to 3"),
+        (DYNAMIXEL, SERVO, SERVO.replace("3.14159265", "4.7124"), TORQUES, "cannot be told apart"),
+    ],
+)  # fmt: skip
+def test_joint_that_contradicts_its_robot_file_is_blamed(path, old, new, subjects, words):
+    wrong, built = changed(path, (old, new)), load_robot_file(path)
+    check = ArmCheck(wrong, wired=True, as_built=built, move=True, may_power=lambda: True)
+    found = failures(examine_arm(check))
+    assert [finding.subject for finding in found][: len(subjects)] == subjects
+    assert words in found[-1].remedy
+
+
+@pytest.mark.parametrize(("old", "new", "level"), [("0.3", "0.6", Level.WARN), ("0.15", "0.75", Level.FAIL)])
+def test_wrong_masses_are_graded_by_a_tolerance(tmp_path, old, new, level):
+    urdf = (ROBOTS / "dynamixel_3dof.urdf").read_text(encoding="utf-8")
+    wrong = urdf.replace(f'<mass value="{old}"/>', f'<mass value="{new}"/>')
+    (tmp_path / "wrong.urdf").write_text(wrong, encoding="utf-8")
+    robot_file = changed(
+        DYNAMIXEL,
+        ("urdf: dynamixel_3dof.urdf", f"urdf: {tmp_path / 'wrong.urdf'}"),
+        ("dh: dynamixel_3dof.dh.yaml", ""),
+    )
+    built = load_robot_file(DYNAMIXEL)
+    check = ArmCheck(robot_file, wired=True, as_built=built, move=True, may_power=lambda: True)
+    (found,) = (finding for finding in examine_arm(check) if finding.subject == "torque of joint 1")
+    assert found.level is level
+
+
+@pytest.mark.parametrize(
+    ("held_nm", "required_nm", "friction_nm", "level"),
+    [
+        (2.0, 2.0, 0.0, Level.OK),
+        (2.0, 2.0, 1.0, Level.SKIP),  # friction could hide a factor of 2
+        (0.01, 0.0, 0.0, Level.SKIP),
+        (2.3, 2.0, 0.0, Level.OK),
+        (1.0, 1.5, 0.0, Level.WARN),
+        (2.0, 1.0, 0.0, Level.FAIL),
+        (1.0, 2.0, 0.0, Level.FAIL),
+        (1.0, 0.0, 0.0, Level.FAIL),
+        (np.nan, 2.0, 0.0, Level.FAIL),
+    ],
+)
+def test_torque_is_never_ok_where_an_error_could_not_show(held_nm, required_nm, friction_nm, level):
+    assert signs._torque_finding(0, held_nm, required_nm, 0.1, friction_nm).level is level
+
+
+@pytest.mark.parametrize(
+    ("axis", "level", "words"),
+    [
+        ("[-1, 0, 0]", Level.FAIL, "back towards the arm"),
+        ("[0, 1, 0]", Level.FAIL, "no joint moves"),
+        ("[0, 0, 1]", Level.WARN, "across the last link"),
+    ],
+)
+def test_wrong_sensor_axis_is_detected(axis, level, words):
+    (found,) = limit_findings(changed(DYNAMIXEL, ("sensor_axis_tip: [1, 0, 0]", f"sensor_axis_tip: {axis}")))
+    assert (found.subject, found.level) == ("sensor_axis_tip", level)
+    assert words in found.remedy
+
+
+def test_probe_names_a_reversed_sensor_axis(tmp_path):
+    text = DYNAMIXEL.read_text(encoding="utf-8").replace("[1, 0, 0]", "[-1, 0, 0]")
+    for kind in ("urdf", "dh"):
+        text = text.replace(f"{kind}: dynamixel", f"{kind}: {ROBOTS}/dynamixel")
+    (tmp_path / "arm.yaml").write_text(text, encoding="utf-8")
+    refused = run("probe", "--robot", tmp_path / "arm.yaml", "--wire", "-o", tmp_path / "s.mcap")
+    assert refused.exit_code == 2
+    assert "if it points there already, correct sensor_axis_tip" in refused.stderr
 
 
 @pytest.mark.parametrize("device", ["encoder", "torque", "force"])

@@ -136,3 +136,24 @@ def test_missing_motor_is_named(make_robot, path):
     said = r"joint 3 \(node 2\): no heartbeat" if path is ODRIVE else r"no answer in 0.05 s from joint 2"
     with pytest.raises(DeviceError, match=said):
         arm.robot.configure()
+
+
+@pytest.mark.parametrize(("left_rad", "refused"), [(0.3, False), (0.1, True)])
+def test_arm_moved_while_it_is_configured_is_not_blamed_on_its_ranges(make_robot, left_rad, refused):
+    arm = make_robot(ROBSTRIDE)
+    bus, world = arm.robot.buses["motors"], arm.arm.plant.world
+    home_rad, ask = np.array(arm.arm.robot_file.home_rad), bus._register
+
+    def move(offset_rad):
+        world.place(home_rad + offset_rad)
+        arm.clock.sleep_until(arm.clock.now_s() + 0.01)
+
+    def ask_a_moving_motor(*arguments):
+        move(0.3)
+        shown = ask(*arguments)
+        move(left_rad)
+        return shown
+
+    bus._register = ask_a_moving_motor
+    with pytest.raises(DeviceError, match="it moves: hold the arm still") if refused else nullcontext():
+        arm.robot.configure()

@@ -139,19 +139,28 @@ class MitBus(PolledMotorBus[MitState]):
                 register = self._dialect.position_register
                 shaft_rad = self._register(joint, register)
                 reported_rad = self._motors[joint].zero_rad + shaft_rad / self._ratios[joint]
+                before_rad = self._position_rad[joint]
+                self._ask_again()
                 stated_rad = self._position_rad[joint]
-                if not abs(reported_rad - stated_rad) <= _SAME_POSITION_RAD:
+                low_rad, high_rad = sorted((before_rad, stated_rad))  # a hand may move the arm meanwhile
+                if not low_rad - _SAME_POSITION_RAD <= reported_rad <= high_rad + _SAME_POSITION_RAD:
                     problem = (
                         f"its {register.name} is {reported_rad:.3f} rad at the joint, but its messages report"
                     )
                     remedy = "turn it back, or state its 'ranges'"
+                    if high_rad - low_rad > _SAME_POSITION_RAD:
+                        remedy = "it moves: hold the arm still, and start again"
                     raise self._motor_error(joint, f"{problem} {stated_rad:.3f}: {remedy}")
 
-    def _report(self) -> list[Finding]:
-        """See `MotorBus._report`; the protocol reports neither voltage nor firmware."""
+    def _ask_again(self) -> None:
+        """Wait for a new state of every motor without torque."""
         self._motion_at_s = [-inf] * self.joint_count
         self._request_states(range(self.joint_count))
         self._wait_for(lambda: -inf not in self._motion_at_s, ANSWER_S)
+
+    def _report(self) -> list[Finding]:
+        """See `MotorBus._report`; the protocol reports neither voltage nor firmware."""
+        self._ask_again()
         evidence = "set and read back" if self._dialect.activation_registers else ""
         if self._tests_watchdogs:
             evidence = "set, read back and tested" if self._dialect.activation_registers else "tested"
