@@ -57,6 +57,7 @@ from palpate.robot_io.types import FloatArray
 
 # A counter that rises evenly; it may restart or skip rows.
 _UNEVEN, _EVEN_SHARE = 0.5, 0.9  # largest deviation relative to the usual step, and least share of such steps
+_MOTIONS = frozenset({"displacement", "position", "velocity"})
 
 
 @dataclass(frozen=True)
@@ -92,6 +93,12 @@ class ColumnAssignment:
                 f"{describe_fault(float(values[bad[0]]), len(bad))}; correct the unit with --unit"
             )
         return values
+
+    @cached_property
+    def motions(self) -> FloatArray:
+        """All displacements, positions and velocities in SI units, shape (k, n)."""
+        motions = [self.values(key) for key in self.assigned if key[0] in _MOTIONS]
+        return np.array(motions).reshape(len(motions), len(self.table))
 
     def name(self, key: Key) -> str:
         """Return the name of a quantity's column in the file.

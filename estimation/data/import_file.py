@@ -15,6 +15,7 @@ from palpate.estimation.data.channel_sources import ChannelSource, channel_sourc
 from palpate.estimation.data.column_names import TIME, Key, quantity_in, unit_in_name, words_of
 from palpate.estimation.data.contact import STEP_COLUMN, SURFACE_COLUMN, with_surface
 from palpate.estimation.data.derivatives import differentiate
+from palpate.estimation.data.even_clock import note_uneven
 from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.import_options import NO_OPTIONS, ImportOptions
 from palpate.estimation.data.import_rows import UNKNOWN_PHASE, ImportedRows, arrange_rows
@@ -199,7 +200,7 @@ def chosen_texts(name: str, given: str, texts: Collection[str], place: str) -> l
 
 
 def _note_time(columns: ColumnAssignment, rows: ImportedRows, user_columns: Collection[str]) -> Iterator[str]:
-    """Yield notes on an unlikely unit of time, a clock that disagrees, and a pause longer than its run."""
+    """Yield notes on an unlikely unit of time, another clock, uneven times, and a pause of most of a run."""
     if TIME not in columns:
         return
     time, step_s = columns.assigned[TIME], sample_time(rows.time_s, rows.run)
@@ -210,6 +211,11 @@ def _note_time(columns: ColumnAssignment, rows: ImportedRows, user_columns: Coll
         yield (
             f"column '{time.column}': samples are {step_s:.3g} s apart; if this unit is wrong, give "
             f"the right one, such as --unit time={unit}"
+        )
+    if figures := note_uneven(rows.time_s, rows.run, columns.motions[:, rows.order]):
+        yield (
+            f"the times of '{time.column}' are uneven: {figures}; they may be times of arrival, so that "
+            "speed, damping and inertia would be wrong; record the times of the samples"
         )
     for part in blocks(rows.run):
         steps_s = np.diff(rows.time_s[part])

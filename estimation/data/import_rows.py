@@ -8,6 +8,7 @@ import numpy as np
 from palpate.control.loop.task import Phase
 from palpate.estimation.data.assign_columns import ColumnAssignment
 from palpate.estimation.data.column_names import DISPLACEMENT, FORCE, RUN, TIME, guess_columns
+from palpate.estimation.data.even_clock import spread_packets
 from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.measured_derivatives import mistaken_scale
 from palpate.estimation.data.presses import cut_into, cut_presses, number_recordings
@@ -21,16 +22,17 @@ UNKNOWN_PHASE = -1
 _MAX_DIGITS = 18  # digits of a run number; longer ones are names, such as serial numbers
 _MAX_REPEATED_SHARE = 0.05  # largest share of rows that may repeat the time of the previous row
 _GAP, _QUICK = 1.5, 0.75  # least step of a gap and largest step in a burst, relative to the usual step
-_FEW_GAPS, _MAX_BURST = 0.05, 50  # largest share of gaps; most steps of a gap and its burst
+_FEW_GAPS, _MAX_BURST = 0.05, 1000  # largest share of gaps; most steps of a gap and its burst
 # Longest unit of a counter, and its longest step at an overflow, relative to the usual step.
 _MAX_COUNT_S, _MAX_OVERFLOW_STEP = 1e-3, 10.0
 # Parts of a file in which a velocity must agree with the motion, and largest ratio of the intervals.
 _PARTS, _SAME_INTERVAL = 3, 1.05
 _MIN_ROWS = 5  # least number of samples in a run; with fewer the acceleration is meaningless
 _REPEATED_NOTE = (  # note with the number of rows and the column
-    "repeats times: {0} rows are spaced evenly up to the next time; if this column is not the time of each "
+    "repeats times: {0} rows are spaced evenly; if this column is not the time of each "
     "row, add --context {1} to read it as another signal"
 )
+_PACKETS_NOTE = "stamps rows in packets: {0} rows are spaced evenly, since the packets follow an even clock"
 _LATE_NOTE = "stamps {0} rows late, in bursts after gaps: their times are spaced evenly over gap and burst"
 
 
@@ -74,7 +76,8 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
             given = list_first(list(labels.values()))
             raise InputError(f"--runs {count}: the file already gives the runs ('{columns.run}': {given})")
     order = np.argsort(run, kind="stable")
-    time_s = times_s[order]
+    time_s, even_notes = _even_times(columns, times_s[order], run[order], order)
+    notes += even_notes
     if TIME not in columns:
         notes.append(
             "no time column: rows are assumed to be 1 s apart, so speeds, damping, inertia and relaxation "
@@ -153,6 +156,18 @@ def _times(columns: ColumnAssignment) -> FloatArray:
         overflows = (steps_s < 0.0) & (steps_s + range_s > 0.0) & (steps_s + range_s <= longest_s)
         time_s[1:] += range_s * np.cumsum(overflows)
     return time_s
+
+
+def _even_times(
+    columns: ColumnAssignment, time_s: FloatArray, run: IntArray, order: IntArray
+) -> tuple[FloatArray, list[str]]:
+    """Return the times of rows after `spread_packets`, shape (n,) [s], and a note if they changed."""
+    even_s = spread_packets(time_s, run, columns.motions[:, order])
+    if (even_s == time_s).all():
+        return time_s, []
+    repeats = ((np.diff(time_s) < MIN_INCREASE_S) & (np.diff(run) == 0)).any()
+    note, name = (_REPEATED_NOTE if repeats else _PACKETS_NOTE), columns.name(TIME)
+    return even_s, [f"'{name}' {note.format(len(order), shlex.quote(name))}"]
 
 
 def _detect_runs(
