@@ -42,7 +42,7 @@ def checked_ticks(session: Session) -> Samples:
     The stream must have all columns in use, in the form of `tick_stream`; those that no study needs may be
     left out of memory (`Session.read_columns`). The others must contain finite numbers of plausible
     size wherever the device reports a valid sample. The time must always be valid, and may decrease only
-    between the runs of two sessions.
+    between the runs of two sessions. The times of a device's valid samples must increase.
 
     Args:
         session: probing session.
@@ -79,6 +79,7 @@ def checked_ticks(session: Session) -> Samples:
             f"{session.path}: tick {late[0] + 2}, column 'time_s': is {-late_s[late[0]]:.3g} s "
             "earlier than the previous tick; the program that wrote this file reordered its messages"
         )
+    clock = np.cumsum(np.append(False, late_s < 0.0))  # of each of the merged sessions
     good = {status: ticks[status] == Status.OK for status in _COLUMNS_BY_STATUS}
     for status, names in _COLUMNS_BY_STATUS.items():
         for name in names:
@@ -91,10 +92,25 @@ def checked_ticks(session: Session) -> Samples:
                 f"{session.path}: tick {far[0] + 1}, column '{names[1]}': {sampled_s:g} s is far from the "
                 f"tick's own time, {tick_s:g} s"
             )
+        _check_increase(session, names[1], ticks[names[1]], clock, np.flatnonzero(good[status]))
     in_run = good["encoder_status"] & (ticks["run"] != NO_RUN) & ~np.isin(ticks["phase"], UNUSED_PHASES)
     for name in _RUN_COLUMNS:
         _check_values(session, ticks, name, in_run)
     return ticks
+
+
+def _check_increase(
+    session: Session, name: str, sampled_at_s: FloatArray, clock: IntArray, good: IntArray
+) -> None:
+    """Raise an error unless each good sample is newer than the one before it on the same clock."""
+    old = np.flatnonzero((np.diff(sampled_at_s[good]) <= 0.0) & (np.diff(clock[good]) == 0))
+    if len(old):
+        before, after = good[old[0]], good[old[0] + 1]
+        raise InputError(
+            f"{session.path}: tick {after + 1}, column '{name}': the times of good samples do not increase "
+            f"from sample to sample ({sampled_at_s[after]:.9g} s after {sampled_at_s[before]:.9g} s; "
+            f"{len(old)} in all); the device's clock stood still or went back, or a program changed the times"
+        )
 
 
 def _check_values(session: Session, ticks: Samples, name: str, rows: BoolArray) -> None:

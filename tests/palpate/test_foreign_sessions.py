@@ -71,6 +71,25 @@ def test_stopped_clock_is_reported(change, device, tmp_path):
         session_channels(session_of(tmp_path / "x.mcap", columns, data))
 
 
+def _frozen(time_s, middle):
+    time_s[middle : middle + 20] = time_s[middle]
+
+
+def _set_back(time_s, middle):
+    time_s[middle:] -= 0.01
+
+
+@pytest.mark.parametrize("change", [_frozen, _set_back])
+@pytest.mark.parametrize("device", ["encoder", "torque", "force"])
+def test_clock_that_stops_or_goes_back_for_a_moment_is_reported(change, device, tmp_path):
+    columns, data = columns_and_data()
+    change(data[f"{device}_at_s"], len(data["run"]) // 2)
+    session = session_of(tmp_path / "x.mcap", columns, data)
+    assert_nobody_reads(
+        session, rf"tick \d+, column '{device}_at_s': the times of good samples do not increase"
+    )
+
+
 def test_unused_signals_may_be_missing(tmp_path):
     columns, data = columns_and_data()
     for name in ("tick", "lateness_s", "log_s", "joint_velocity_rad_s"):
