@@ -23,8 +23,8 @@ _MAX_DIGITS = 18  # digits of a run number; longer ones are names, such as seria
 _MAX_REPEATED_SHARE = 0.05  # largest share of rows that may repeat the time of the previous row
 _GAP, _QUICK = 1.5, 0.75  # least step of a gap and largest step in a burst, relative to the usual step
 _FEW_GAPS, _MAX_BURST = 0.05, 1000  # largest share of gaps; most steps of a gap and its burst
-# Longest unit of a counter, and its longest step at an overflow, relative to the usual step.
-_MAX_COUNT_S, _MAX_OVERFLOW_STEP = 1e-3, 10.0
+# Longest unit of a counter, and its longest step at an overflow by its bits, relative to the usual step.
+_MAX_COUNT_S, _MAX_OVERFLOW_STEP = 1e-3, {32: 10.0, 31: 2.0, 24: 2.0, 16: 2.0}
 # Parts of a file in which a velocity must agree with the motion, and largest ratio of the intervals.
 _PARTS, _SAME_INTERVAL = 3, 1.05
 _MIN_ROWS = 5  # least number of samples in a run; with fewer the acceleration is meaningless
@@ -60,7 +60,7 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
         InputError: times do not increase within a run, a run is too short, or a phase is unknown.
     """
     table = columns.table
-    times_s = _times(columns)
+    times_s, bits = _times(columns)
     if columns.run is None:
         run, notes = _detect_runs(columns, times_s, count)
         labels = {number: str(number) for number in np.unique(run).tolist()}
@@ -85,7 +85,7 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
         )
     elif (added_s := float(np.max(times_s - columns.values(TIME)))) > 0.0:
         notes.append(
-            f"'{columns.name(TIME)}' wraps around like a 32-bit counter: it is read as continuous, which "
+            f"'{columns.name(TIME)}' wraps around like a {bits}-bit counter: it is read as continuous, which "
             f"adds {added_s:.9g} s in all"
         )
     is_repeated = np.abs(np.diff(time_s, prepend=-np.inf)) < MIN_INCREASE_S
@@ -145,17 +145,25 @@ def _interval_advice(columns: ColumnAssignment, run: IntArray) -> str:
     return f"rows are {interval} ms apart according to {names[0]}: add --unit time={interval}ms"
 
 
-def _times(columns: ColumnAssignment) -> FloatArray:
-    """Return the time of each row, shape (n,) [s]; a counter of 32 bits continues after an overflow."""
+def _times(columns: ColumnAssignment) -> tuple[FloatArray, int]:
+    """Return the time of each row, shape (n,) [s], continued after overflows, and the counter's bits or 0."""
     if TIME not in columns:
-        return np.arange(len(columns.table), dtype=np.float64)
+        return np.arange(len(columns.table), dtype=np.float64), 0
     time_s, count_s = columns.values(TIME), columns.assigned[TIME].factor
-    if len(time_s) > 1 and count_s <= _MAX_COUNT_S:
-        steps_s, range_s = np.diff(time_s), 2**32 * count_s
-        longest_s = _MAX_OVERFLOW_STEP * np.median(steps_s)
-        overflows = (steps_s < 0.0) & (steps_s + range_s > 0.0) & (steps_s + range_s <= longest_s)
-        time_s[1:] += range_s * np.cumsum(overflows)
-    return time_s
+    if len(time_s) < 2 or count_s > _MAX_COUNT_S:
+        return time_s, 0
+    steps_s = np.diff(time_s)
+    usual_s = float(np.median(steps_s))
+    for bits, longest in _MAX_OVERFLOW_STEP.items():
+        range_s = 2**bits * count_s
+        overflows = (steps_s < 0.0) & (steps_s + range_s > 0.0) & (steps_s + range_s <= longest * usual_s)
+        # A run may have as many rows as a short counter has values, and then restart its clock.
+        is_short = bits < max(_MAX_OVERFLOW_STEP)
+        restarts = np.abs(time_s[1:][overflows] - time_s[0]) <= 2.0 * usual_s
+        if overflows.any() and not (is_short and (restarts.any() or np.max(time_s) >= range_s)):
+            time_s[1:] += range_s * np.cumsum(overflows)
+            return time_s, bits
+    return time_s, 0
 
 
 def _even_times(

@@ -176,7 +176,7 @@ def with_seconds(columns: pa.Table, decimal: str) -> tuple[pa.Table, tuple[str, 
         if not len(first) or not CLOCK.match(re.sub(_BLANKS, " ", text[int(first[0])].as_py())):
             continue
         parts = pc.extract_regex(pc.replace_substring_regex(text, _BLANKS, " "), CLOCK.pattern)
-        texts = {key: pc.struct_field(parts, key) for key in ("day", "hour", "minute", "second", "half")}
+        texts = {key: pc.struct_field(parts, key) for key in CLOCK.groupindex}
         try:
             days, order = _days(texts["day"])
         except ValueError:  # an invalid date, such as the 0th of a month
@@ -189,7 +189,7 @@ def with_seconds(columns: pa.Table, decimal: str) -> tuple[pa.Table, tuple[str, 
         hour, minute, second = (np.asarray(numbers.to_numpy(zero_copy_only=False)) for numbers in filled)
         half = pc.utf8_upper(texts["half"]).to_numpy(zero_copy_only=False)
         hour = np.where(half == "PM", hour % 12 + 12, np.where(half == "AM", hour % 12, hour))
-        since_s = days * _DAY_S + 3600.0 * hour + 60.0 * minute + second
+        since_s = days * _DAY_S + 3600.0 * hour + 60.0 * minute + second - _zone_changes(texts["zone"])
         known = np.isfinite(since_s)
         if texts["day"][0].as_py() in ("", None) and np.max(since_s[known]) < _DAY_S:  # pass midnight
             since_s[known] += _DAY_S * np.cumsum(np.diff(since_s[known], prepend=0.0) < -_DAY_S / 2.0)
@@ -200,6 +200,19 @@ def with_seconds(columns: pa.Table, decimal: str) -> tuple[pa.Table, tuple[str, 
         columns = columns.set_column(place, pa.field(name, seconds.type, metadata=_MARK), seconds)
         done.append(f"'{name}'{order}")
     return columns, (f"clock times converted to seconds: {', '.join(done)}",) if done else ()
+
+
+def _zone_changes(zones: pa.ChunkedArray) -> FloatArray:
+    """Return the offset of each time from UTC, relative to the first one that is stated [s], shape (n,)."""
+    changes_s, first_s = np.zeros(len(zones)), None
+    for zone in pc.unique(zones).to_pylist():
+        if zone:  # neither missing nor of an invalid cell
+            hours, minutes = (0, 0) if zone == "Z" else (int(zone[:3]), int(zone[0] + zone[-2:]))
+            offset_s = 3600.0 * hours + 60.0 * minutes
+            first_s = offset_s if first_s is None else first_s
+            is_zone = pc.fill_null(pc.equal(zones, zone), False).to_numpy(zero_copy_only=False)
+            changes_s[is_zone] = offset_s - first_s
+    return changes_s
 
 
 def _padded(seconds: pa.ChunkedArray) -> pa.ChunkedArray:

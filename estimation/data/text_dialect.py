@@ -46,7 +46,7 @@ _LIKE_A_UNIT = re.compile(r"[%‰]|[\w°%]{1,8}(?:[ ./·⋅*^_-]+[\w°]{1,8})*")
 CLOCK = re.compile(
     r"^\s*(?:(?P<day>\d{4}-\d\d?-\d\d?|\d\d?[./]\d\d?[./]\d{4}|\d{4}/\d\d?/\d\d?)(?:T|,?\s+))?"
     r"(?:(?P<hour>\d{1,3}):)?(?P<minute>\d{1,4}):(?P<second>\d\d?(?:[.,:]\d+)?)"
-    r"\s*(?P<half>[AaPp][Mm])?(?:Z|[+-]\d\d:?\d\d)?\s*$",
+    r"\s*(?P<half>[AaPp][Mm])?(?P<zone>Z|[+-]\d\d:?\d\d)?\s*$",
     re.ASCII,  # as Arrow's expressions are
 )
 MISSING = frozenset(

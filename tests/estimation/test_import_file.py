@@ -778,12 +778,36 @@ def test_columns_of_two_units_or_of_two_sides_of_a_gear_are_reported(tmp_path, c
     assert words in " ".join(only(import_file(write_csv(tmp_path / "joint.csv", table))).import_warnings)
 
 
-def test_counter_that_overflows_is_continued(tmp_path):
-    micros = (np.arange(400) * 10_000 + 2**32 - 2_000_000) % 2**32
-    table = {"micros": micros, "angle_deg": ANGLE[:400], "torque_Nm": SWING["torque_Nm"][:400]}
+@pytest.mark.parametrize(
+    ("bits", "name", "rate_hz"),
+    [(32, "micros", 1e6), (31, "time_ms", 1e3), (24, "time_us", 1e6), (16, "time_ms", 1e3)],
+)
+def test_counter_that_overflows_is_continued(tmp_path, bits, name, rate_hz):
+    count = (np.arange(400) * int(0.01 * rate_hz) + 2**bits - int(2 * rate_hz)) % 2**bits
+    table = {name: count, "angle_deg": ANGLE[:400], "torque_Nm": SWING["torque_Nm"][:400]}
     imported = import_file(write_csv(tmp_path / "joint.csv", table))
     np.testing.assert_allclose(np.diff(only(imported).time_s), 0.01, atol=1e-5)
-    assert "like a 32-bit counter" in " ".join(imported.notes)
+    assert f"like a {bits}-bit counter" in " ".join(imported.notes)
+
+
+def test_clock_that_restarts_after_65536_rows_of_1_ms_starts_a_run(tmp_path):
+    rows = 2**16 + 200
+    angle = np.sin(1e-3 * np.arange(rows))
+    table = {"time_ms": np.arange(rows) % 2**16, "angle_rad": angle, "torque_Nm": 2.0 * angle}
+    assert len(only(import_file(write_csv(tmp_path / "joint.csv", table))).runs) == 2
+
+
+@pytest.mark.parametrize(("before", "after"), [("+02:00", "+01:00"), ("-0430", "-05:30"), ("Z", "-01:00")])
+def test_change_of_the_offset_from_utc_moves_no_time(tmp_path, before, after):
+    """As when summer time ends: the written times go back by an hour."""
+    clock = np.datetime64("2026-10-25T02:59:58") + (SWING_S * 1e6).astype("timedelta64[us]")
+    turn = len(clock) // 2
+    written = [f"{t}{before}" for t in clock[:turn]] + [
+        f"{t}{after}" for t in clock[turn:] - np.timedelta64(1, "h")
+    ]
+    table = {"time": written, "angle_deg": ANGLE, "torque_Nm": SWING["torque_Nm"]}
+    channel = only(import_file(write_csv(tmp_path / "joint.csv", table)))
+    np.testing.assert_allclose(np.diff(channel.time_s), np.diff(SWING_S), atol=2e-6)
 
 
 @pytest.mark.parametrize("unit", ["s", "us"])
