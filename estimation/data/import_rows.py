@@ -25,8 +25,9 @@ _GAP, _QUICK = 1.5, 0.75  # least step of a gap and largest step in a burst, rel
 _FEW_GAPS, _MAX_BURST = 0.05, 1000  # largest share of gaps; most steps of a gap and its burst
 # Longest unit of a counter, and its longest step at an overflow by its bits, relative to the usual step.
 _MAX_COUNT_S, _MAX_OVERFLOW_STEP = 1e-3, {32: 10.0, 31: 2.0, 24: 2.0, 16: 2.0}
-# Parts of a file in which a velocity must agree with the motion, and largest ratio of the intervals.
-_PARTS, _SAME_INTERVAL = 3, 1.05
+# Parts of a file in which a velocity must agree with the motion, least rows of each, and largest ratio of the
+# intervals.
+_PARTS, _MIN_PART, _SAME_INTERVAL = 3, 20, 1.05
 _MIN_ROWS = 5  # least number of samples in a run; with fewer the acceleration is meaningless
 _REPEATED_NOTE = (  # note with the number of rows and the column
     "repeats times: {0} rows are spaced evenly; if this column is not the time of each "
@@ -123,7 +124,7 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
 def _interval_advice(columns: ColumnAssignment, run: IntArray) -> str:
     """Propose the interval of rows that a recorded velocity implies, if it is the same in all parts."""
     rows, names, ratios = np.argsort(run, kind="stable"), list[str](), list[float]()
-    for guess in guess_columns(columns.table.names):
+    for guess in guess_columns(columns.table.names) if len(rows) >= _PARTS * _MIN_PART else ():
         joint = 0 if guess.joint is None else guess.joint + columns.shift
         position = columns.assigned.get(("position", joint))
         if guess.quantity != "velocity" or position is None or not columns.table.varies(guess.column):
@@ -133,7 +134,7 @@ def _interval_advice(columns: ColumnAssignment, run: IntArray) -> str:
         velocity = velocity * (abs(position.factor) if in_same_unit else si_factor(guess.unit))
         moved = columns.values(("position", joint))
         parts = (
-            mistaken_scale(np.arange(float(len(part))), moved[part], velocity[part], run[part])
+            mistaken_scale(columns.table.rows[part].astype(float), moved[part], velocity[part], run[part])
             for part in np.array_split(rows, _PARTS)
         )
         if found := [ratio for ratio in parts if ratio is not None]:

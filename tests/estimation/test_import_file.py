@@ -618,11 +618,16 @@ def test_recorded_velocity_tells_the_interval_of_rows_without_a_time(tmp_path):
 
     told = "rows are 10 ms apart according to 'vel1', if it is in rad/s: add --unit time=10ms"
     assert advice().endswith(told)
+    columns["torque1"][::3] = np.nan  # left out, but the others stay 10 ms apart
+    assert advice().endswith(told)
+    columns["torque1"] = columns["pos1"]
     columns["vel1"][400:] *= 2.0  # contradicts the rest
     assert advice().endswith("give their interval, as in --unit time=10ms")
     columns["vel1 [deg/s]"] = np.degrees(3.0 * np.cos(3.0 * t)) / 2.0
     del columns["vel1"]
     assert advice().endswith("rows are 20 ms apart according to 'vel1 [deg/s]': add --unit time=20ms")
+    columns = {name: values[:8] for name, values in columns.items()}  # too few
+    assert advice().endswith("give their interval, as in --unit time=10ms")
 
 
 @pytest.mark.parametrize("name", ["tick", "ticks", "stamp", "sample counter"])
