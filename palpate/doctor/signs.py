@@ -396,9 +396,12 @@ def _torque_finding(
     )
     if off_nm <= warn_nm and abs(required_nm) < _CLEAR * hidden_nm:
         return skip(subject, f"not checked, too small here: {value}", "palpate calibrate torque")
+    angles = (
+        f"zero_rad and gear ratios of joints 1 to {joint + 1}" if joint else "its zero_rad and gear ratio"
+    )
     remedy = (
-        f"check its model, gear ratio and torque constant, zero_rad of joints 1 to {joint + 1}, and the "
-        "URDF's masses and lengths; then palpate calibrate torque, gravity"
+        f"check its model and torque constant, {angles}, and the URDF's masses and lengths; then palpate "
+        "calibrate torque, gravity"
     )
     is_wrong, is_off = not off_nm <= fail_nm, not off_nm <= warn_nm  # both true for NaN
     return graded(subject, value, (_FAIL, is_wrong, remedy), (Level.WARN, is_off, remedy))
@@ -428,6 +431,10 @@ def _stopped(
     if suspects:
         cause = cause.partition(";")[0]
         remedy = f"only the torque of joint {suspects[0]} contradicts the motion: see its line"
+        if suspects[0] > 1:
+            remedy += (
+                "; a wrong angle of an earlier joint looks the same: compare the pose above with the arm's"
+            )
     if len(suspects) > 1:
         remedy = (
             f"joints {', '.join(map(str, suspects))} contradict the motion and cannot be told apart: compare "

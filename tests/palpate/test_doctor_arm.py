@@ -304,8 +304,8 @@ ALONE = "only the torque of joint {} contradicts the motion"
         (ROBSTRIDE, "3, model: RS00", "3, model: RS01", ["drive of joint 3"], "correct its model"),
         (ROBSTRIDE, "1, model: RS03", "1, model: RS04", ["torque of joint 1", STOP], ALONE.format(1)),
         (ROBSTRIDE, "2, model: RS03", "2, model: RS04", ["torque of joint 2", STOP], ALONE.format(2)),
-        (ROBSTRIDE, "2, reversed", "2, zero_rad: 1.5708, reversed", ["torque of joint 3", STOP], "joint 3"),
-        (ROBSTRIDE, "RS03, gear_ratio: 2}", "RS03, gear_ratio: 1}", TWO, "zero_rad of joints 1 to 3"),
+        (ROBSTRIDE, "2, reversed", "2, zero_rad: 1.5708, reversed", ["torque of joint 3", STOP], "earlier"),
+        (ROBSTRIDE, "RS03, gear_ratio: 2}", "RS03, gear_ratio: 1}", TWO, "gear ratios of joints 1 to 3"),
         (DYNAMIXEL, SERVO, SERVO.replace("3.14159265", "4.7124"), TORQUES, "cannot be told apart"),
     ],
 )  # fmt: skip
