@@ -123,11 +123,15 @@ def force(
         fit = fit_force(plateaus, PERCENT * reference_percent)
         remarks = []
         if not fit.is_used.all():
-            lost_n = np.abs(plateaus.reference_n[~fit.is_used]).min()
-            remarks.append(
-                f"{describe_saturation(plateaus, fit.is_used)}; it cannot show the guard more than "
-                f"{lost_n:.4g} N: set limits.force_n below that, or use a sensor with a larger range"
-            )
+            remarks.append(describe_saturation(plateaus, fit.is_used))
+            most = plateaus.reading[~fit.is_used].max()
+            if most > fit.plateaus.reading.max():
+                above = most - fit.zero.value
+                shown_n = above * (fit.scale.value + above * (fit.curvature.value if fit.curvature else 0.0))
+                remarks[-1] += (
+                    f"; it never shows more than {shown_n:.3g} N: set limits.force_n below that, or use a "
+                    "sensor with a larger range"
+                )
         if fit.drift_n is not None:
             remarks.append(
                 f"the reading drifts by {fit.drift_n.value:+.2g} N during the record; the zero is that of "
