@@ -181,7 +181,7 @@ def replay_command(
     if job.simulated and job.scenario is None:
         job = replace(job, scenario=scenario_of(recorded))
     with motion_progress("repeating the motion", live=job.simulated) as watcher:
-        result, sealed = run_replay(job, references, watcher(references.duration_s))
+        result, sealed = run_replay(job, references, watcher)
     finished = result.outcome is Outcome.FINISHED
     done = "done" if finished else f"[red]{result.outcome}[/red]: {safe(result.cause)}"
 

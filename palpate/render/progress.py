@@ -5,7 +5,7 @@ A real arm gets words instead of a bar: drawing would take time from its control
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
@@ -15,7 +15,7 @@ from palpate.control.loop.task import Phase, TaskOutput
 from palpate.control.loop.tick_record import NO_ESTIMATE, Estimates
 from palpate.control.probing.plan import ProbingPlan
 from palpate.robot_io.types import Measurement
-from palpate.runs.probing import MakeWatcher, Watcher
+from palpate.runs.probing import Watcher
 
 Report = Callable[[str, float], None]  # called with the current step and the fraction of it that is done
 _REFRESH_S = 0.1
@@ -62,16 +62,11 @@ def probing_progress(plan: ProbingPlan, *, live: bool, remark: str = "") -> Iter
     Args:
         plan: plan that is run.
         live: whether to draw a moving bar; never with a real arm.
-        remark: line to print first, once the arm is ready.
+        remark: line to print before the bar, once the arm is ready.
     """
-    runs = plan.runs()
-    if not live:
-        yield _Announcer(f"probing, {count(len(runs), 'run')}; Ctrl-C brings the arm to rest")
-        return
+    runs, newest = plan.runs(), 0
 
-    newest = 0
-
-    def share(measurement: Measurement, output: TaskOutput) -> tuple[float, str]:
+    def state(measurement: Measurement, output: TaskOutput, _duration_s: float) -> tuple[float, str]:
         nonlocal newest
         newest = max(newest, output.run)
         speed_mm_s = _TO_MILLI * runs[newest].speed_m_s
@@ -80,38 +75,38 @@ def probing_progress(plan: ProbingPlan, *, live: bool, remark: str = "") -> Iter
         )
         return (newest + _SHARE_DONE.get(output.phase, 0.0)) / len(runs), words
 
-    with progress_bar("starting", wait=True) as bar:
-        yield _BarUpdater(bar, share, remark)
+    words = remark if live else f"probing, {count(len(runs), 'run')}; Ctrl-C brings the arm to rest"
+    with progress_bar("starting", wait=True) if live else nullcontext() as bar:
+        yield _RunProgress(bar, state, words)
 
 
 @contextmanager
-def motion_progress(what: str, *, live: bool) -> Iterator[MakeWatcher]:
+def motion_progress(what: str, *, live: bool) -> Iterator[Watcher]:
     """Show the progress of a motion.
 
     Args:
         what: description of the motion.
         live: whether to draw a moving bar; never with a real arm.
     """
-    if not live:
-        yield lambda _duration_s: _Announcer(f"{what}; keep clear. Ctrl-C brings the arm to rest")
-        return
-    with progress_bar(what) as bar:
 
-        def watcher(duration_s: float) -> Watcher:
-            return _BarUpdater(
-                bar, lambda m, _: (min(m.time_s / duration_s, 1.0), f"{what}, {m.time_s:.0f} s simulated")
-            )
+    def state(measurement: Measurement, _output: TaskOutput, duration_s: float) -> tuple[float, str]:
+        return min(measurement.time_s / duration_s, 1.0), f"{what}, {measurement.time_s:.0f} s simulated"
 
-        yield watcher
+    words = "" if live else f"{what}; keep clear. Ctrl-C brings the arm to rest"
+    with progress_bar(what) if live else nullcontext() as bar:
+        yield _RunProgress(bar, state, words)
 
 
 class ProgressBar:
     """One bar, drawn at each update."""
 
-    def __init__(self, progress: Progress, what: str) -> None:
-        self.progress = progress
-        self._task = progress.add_task(what, total=1.0)
-        self._share = 0.0
+    def __init__(self, what: str) -> None:
+        stderr = console.stderr()
+        columns = BarColumn(bar_width=32), TextColumn("{task.description}")
+        self.progress = Progress(
+            *columns, console=stderr, transient=True, auto_refresh=False, disable=not stderr.is_terminal
+        )
+        self._task, self._share = self.progress.add_task(what, total=1.0), 0.0
 
     def update(self, share: float, words: str) -> None:
         """Advance the bar to a fraction, and show the current step; the bar never moves back.
@@ -121,65 +116,51 @@ class ProgressBar:
             words: the current step.
         """
         self._share = max(self._share, share)
-        self.progress.update(self._task, completed=self._share, description=words)
-        self.progress.refresh()
+        self.progress.update(self._task, completed=self._share, description=words, refresh=True)
 
 
 @contextmanager
 def progress_bar(what: str, *, wait: bool = False) -> Iterator[ProgressBar]:
-    """Make a bar that is shown at once or, with `wait`, at its first update.
+    """Make a bar that is shown at once or, with `wait`, when its `progress` is started.
 
     Args:
         what: the first step.
-        wait: whether to show it at its first update only.
+        wait: whether somebody else starts it.
     """
-    stderr = console.stderr()
-    columns = BarColumn(bar_width=32), TextColumn("{task.description}")
-    progress = Progress(
-        *columns, console=stderr, transient=True, auto_refresh=False, disable=not stderr.is_terminal
-    )
-    bar = ProgressBar(progress, what)
+    bar = ProgressBar(what)
     if not wait:
-        progress.start()
+        bar.progress.start()
     try:
         yield bar
     finally:
-        progress.stop()
+        bar.progress.stop()
 
 
-class _Announcer(Watcher):
-    """Prints the start of each step, without a bar."""
-
-    def __init__(self, words: str) -> None:
-        self._words = words
-
-    def started(self) -> None:
-        console.stderr().print(self._words)
-
-
-class _BarUpdater(Watcher):
-    """Moves a bar, at most every `_REFRESH_S`."""
+class _RunProgress(Watcher):
+    """Prints words when the arm is ready, and moves a bar, if there is one, at most every `_REFRESH_S`."""
 
     def __init__(
         self,
-        bar: ProgressBar,
-        share: Callable[[Measurement, TaskOutput], tuple[float, str]],
-        remark: str = "",
+        bar: ProgressBar | None,
+        state: Callable[[Measurement, TaskOutput, float], tuple[float, str]],
+        words: str,
     ) -> None:
-        self._bar, self._share, self._remark = bar, share, remark
-        self._next_s = 0.0
+        self._bar, self._state, self._words = bar, state, words
+        self._next_s = self._duration_s = 0.0
 
-    def started(self) -> None:
+    def started(self, duration_s: float = 0.0) -> None:
         """See `Watcher.started`; a run rejected before this call prints nothing but its error on stderr."""
-        if self._remark:
-            console.stderr().print(self._remark)
-        self._bar.progress.start()
+        self._duration_s = duration_s
+        if self._words:
+            console.stderr().print(self._words)
+        if self._bar is not None:
+            self._bar.progress.start()
 
     def observe(self, measurement: Measurement, output: TaskOutput) -> Estimates:
         now_s = time.monotonic()
-        if now_s >= self._next_s:
+        if self._bar is not None and now_s >= self._next_s:
             self._next_s = now_s + _REFRESH_S
-            self._bar.update(*self._share(measurement, output))
+            self._bar.update(*self._state(measurement, output, self._duration_s))
         return NO_ESTIMATE
 
 

@@ -26,7 +26,7 @@ from palpate.robot_io.calibration.applied import load_calibrations
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.guard import Limits
 from palpate.robot_io.types import FloatArray
-from palpate.runs.probing import NO_WATCHER, MakeWatcher, Watcher
+from palpate.runs.probing import NO_WATCHER, Watcher
 from palpate.runs.session import ArmJob, ArmSession, arm_session
 
 KIND = "calibration_kind"  # key of the calibration's kind in the session's metadata
@@ -71,9 +71,9 @@ def _stationary(arm: ArmSession) -> StationaryRobot:
     return StationaryRobot(arm.robot, guard, arm.clock, arm.log, robot_file.control_rate_hz)
 
 
-def _move(arm: ArmSession, task: Task, limits: Limits, watcher: Watcher) -> None:
+def _move(arm: ArmSession, task: Task, limits: Limits, watcher: Watcher, duration_s: float) -> None:
     """Run a task under these limits; raise `KeyboardInterrupt` or `PalpateError` if it was stopped."""
-    watcher.started()
+    watcher.started(duration_s)
     result = arm.run(task, watcher.observe, limits)
     if result.outcome is Outcome.STOPPED and not (result.deactivation_error or arm.unlogged()):
         raise KeyboardInterrupt
@@ -101,16 +101,14 @@ def describe_motion(kind: str, limits: Limits) -> str:
 
 
 def run_motion(
-    job: CalibrationJob,
-    settings: ExcitationSettings | None = None,
-    watcher: MakeWatcher = lambda _s: NO_WATCHER,
+    job: CalibrationJob, settings: ExcitationSettings | None = None, watcher: Watcher = NO_WATCHER
 ) -> None:
     """Excite the arm in free air and log the motion, for a torque or gravity calibration.
 
     Args:
         job: the calibration run.
         settings: settings of the motion; None for the usual one of the kind.
-        watcher: makes the observer, given the motion's duration [s].
+        watcher: observer of the run.
 
     Raises:
         InputError: as for `calibration_setup`, or no motion is clear of the ground.
@@ -125,20 +123,20 @@ def run_motion(
         path = choose_path(arm.body, start_rad, limits, settings=settings, rng=rng)
         task = PathTask(arm.body, gains_of(robot_file).tracking, path, travel_speed_rad_s(limits))
         guarded = _slowed(limits, SPEED_MARGIN * max(settings.speed_rad_s, 1.0))
-        _move(arm, task, guarded, watcher(settings.duration_s + 10.0))
+        _move(arm, task, guarded, watcher, settings.duration_s + 10.0)
 
 
 def run_stops(
     job: CalibrationJob,
     stops_rad: tuple[FloatArray, FloatArray] | None = None,
-    watcher: MakeWatcher = lambda _s: NO_WATCHER,
+    watcher: Watcher = NO_WATCHER,
 ) -> None:
     """Touch the joints' hard stops and log the motion.
 
     Args:
         job: the calibration run.
         stops_rad: lower and upper stops, (n,) each [rad]; None for the URDF's.
-        watcher: makes the observer, given the motion's duration [s].
+        watcher: observer of the run.
 
     Raises:
         InputError: as for `calibration_setup`, or a stop cannot be reached.
@@ -153,7 +151,7 @@ def run_stops(
         up_rad, approaches = plan_stops(arm.body, start_rad, limits, stops_rad, settings.reach_rad)
         task = StopTask(arm.body, gains_of(job.robot_file).tracking, up_rad, approaches, settings)
         widened = widen_limits_for_stops(limits, approaches, settings.reach_rad + BEYOND_RAD)
-        _move(arm, task, _slowed(widened, STOP_SPEED_RAD_S), watcher(12.0 * len(approaches)))
+        _move(arm, task, _slowed(widened, STOP_SPEED_RAD_S), watcher, 12.0 * len(approaches))
 
 
 def run_pose(job: CalibrationJob) -> None:

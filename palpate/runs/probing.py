@@ -1,6 +1,6 @@
 """Assemble a probing or replay run: robot, clock, guard, task, loop, session log, online estimation."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -57,8 +57,12 @@ class ProbingJob(ArmJob):
 class Watcher:
     """Observer of a run, see `palpate.control.loop.tick_record.Observer`; its methods do nothing."""
 
-    def started(self) -> None:
-        """Called when the arm is ready, before it moves."""
+    def started(self, duration_s: float = 0.0) -> None:
+        """Called when the arm is ready, before it moves.
+
+        Args:
+            duration_s: approximate duration of the motion [s]; 0 if a plan determines it.
+        """
 
     def observe(self, measurement: Measurement, output: TaskOutput) -> Estimates:
         """Called after each tick; must return quickly with a real arm.
@@ -71,7 +75,6 @@ class Watcher:
 
 
 NO_WATCHER = Watcher()
-MakeWatcher = Callable[[float], Watcher]  # makes a watcher from the approximate duration of a motion [s]
 
 
 @dataclass(frozen=True)
@@ -235,7 +238,7 @@ def run_replay(
     if SOURCE in job.recorded.metadata.extra:
         extra[REPLAY_OF] += f", {job.recorded.metadata.extra[SOURCE]}"
     with arm_session(job, calibrations, extra) as arm:
-        watcher.started()
+        watcher.started(references.duration_s)
         return arm.run(task, watcher.observe), arm.sealed
 
 
