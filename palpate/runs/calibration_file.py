@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from numpy.typing import ArrayLike
 
 from palpate.calibration.arm_fit import ArmFit
 from palpate.calibration.encoder import EncoderFit
@@ -139,8 +140,8 @@ def _results(
         return values, drift | {
             "hysteresis": _entry(fit.hysteresis_n, "N"),
             "nonlinearity": _entry(fit.nonlinearity, "1"),
-            "residual_rms": _entry(UncertainValue(fit.rms_n, 0.0), "N"),
-            "range": _entry(UncertainValue(list(fit.range_n), [0.0, 0.0]), "N"),
+            "residual_rms": _exact(fit.rms_n, "N"),
+            "range": _exact(fit.range_n, "N"),
         }
     if isinstance(fit, EncoderFit):
         values = {"offset": _entry(UncertainValue(fit.offset_rad, fit.std_rad), "rad")}
@@ -165,13 +166,11 @@ def _results(
     return values, {"torque_gain": gain, "coulomb_friction": coulomb, "residual_rms": rms_nm}
 
 
-def _exact(values: FloatArray, unit: str) -> dict[str, object]:
-    return _entry(UncertainValue(values, np.zeros_like(values)), unit)
+def _exact(values: ArrayLike, unit: str) -> dict[str, object]:
+    return _entry(UncertainValue(np.asarray(values), np.zeros(np.shape(values))), unit)
 
 
-def _entry(
-    estimate: UncertainValue[FloatArray] | UncertainValue[float] | UncertainValue[list[float]], unit: str
-) -> dict[str, object]:
+def _entry(estimate: UncertainValue[FloatArray] | UncertainValue[float], unit: str) -> dict[str, object]:
     value, std_err = (np.asarray(part).tolist() for part in (estimate.value, estimate.std_err))
     return {"value": value, "std_err": std_err, "unit": unit}
 

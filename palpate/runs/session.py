@@ -157,6 +157,7 @@ def arm_session(
         InputError: robot file, drivers and scenario do not fit each other, the URDF lacks the arm's masses or
             does not match the DH table, a device could not be opened, or the session cannot be written;
             nothing has moved then, and no session is left.
+        SessionError: the session file already exists.
     """
     body = RigidBody.of_robot(job.robot_file, calibrations)
     if joint := body.weightless_joint:
@@ -197,6 +198,8 @@ def arm_session(
             remedy = f"palpate doctor --robot {as_shell_word(str(path))} shows what is connected"
             raise InputError(f"{path}: {error}; {remedy}") from error
         source = EMULATED if job.wired else "simulated" if scenario else "measured"
+        hidden = scenario.hidden if scenario else ()
+        mark = {SEAL: secrets.token_hex(16)} if hidden else {}
         metadata = SessionMetadata(
             robot_file=job.robot_file.text,
             urdf=job.robot_file.urdf_path.read_text(encoding="utf-8"),
@@ -206,10 +209,24 @@ def arm_session(
             seed=scenario.seed if scenario else None,
             created_utc=(now_utc or datetime.now(UTC)).isoformat(timespec="seconds"),
             command_line=job.command_line,
-            extra={SOURCE: source, "python": python_version(), **extra},
+            extra={SOURCE: source, "python": python_version(), **extra, **mark},
         )
-        log, sealed = stack.enter_context(begin_session(job, robot.joint_count, metadata, scenario, streams))
-        yield ArmSession(job, robot, body, clock, log, sealed, world)
+        # The session file is created before the sealed answer, and neither replaces a file. If two programs
+        # want the same name, one of them fails before it has written anything.
+        kept, waits = [tick_stream(robot.joint_count), *streams], job.simulated and not job.paced
+        log = stack.enter_context(SessionWriter(job.session, kept, metadata, wait_for_room=waits))
+        sealed = None
+        try:
+            if scenario is not None and hidden:
+                drawn = job.hidden is not None and not Path(job.hidden).suffix
+                seed = scenario.seed - job.again if drawn else None
+                sealed = seal(job.session, SealedAnswer(hidden, seed, metadata.created_utc, mark[SEAL]))
+            yield ArmSession(job, robot, body, clock, log, sealed, world)
+        except InputError:  # nothing has moved
+            log.close()
+            for file in filter(None, (job.session, sealed)):
+                file.unlink(missing_ok=True)
+            raise
 
 
 def raise_for_end(result: LoopResult) -> None:
@@ -226,50 +243,6 @@ def raise_for_end(result: LoopResult) -> None:
     if result.outcome is Outcome.STOPPED and not result.deactivation_error:
         raise KeyboardInterrupt
     result.raise_for_trip()
-
-
-@contextmanager
-def begin_session(
-    job: ArmJob,
-    joint_count: int,
-    metadata: SessionMetadata,
-    scenario: Scenario | None,
-    streams: Sequence[Stream] = (),
-) -> Iterator[tuple[SessionWriter, Path | None]]:
-    """Begin a job's session file, complete when the context ends; yield its writer and sealed answer.
-
-    The session file is created before the sealed answer, and neither replaces a file. If two programs want
-    the same name, one of them fails before it has written anything.
-
-    Args:
-        job: arm and output file.
-        joint_count: number of joints of the arm.
-        metadata: metadata of the session.
-        scenario: the simulated world; None with hardware.
-        streams: further streams besides the ticks.
-
-    Raises:
-        InputError: raised here or within the context if nothing has moved; both files are then removed.
-        SessionError: the session file already exists, or cannot be written.
-    """
-    mark = {SEAL: secrets.token_hex(16)} if scenario is not None and scenario.hidden else {}
-    metadata = replace(metadata, extra={**metadata.extra, **mark})
-    waits = job.simulated and not job.paced
-    sealed = None
-    kept = [tick_stream(joint_count), *streams]
-    with SessionWriter(job.session, kept, metadata, wait_for_room=waits) as log:
-        try:
-            if scenario is not None and scenario.hidden:
-                drawn = job.hidden is not None and not Path(job.hidden).suffix
-                seed = scenario.seed - job.again if drawn else None
-                answer = SealedAnswer(scenario.hidden, seed, metadata.created_utc, mark[SEAL])
-                sealed = seal(job.session, answer)
-            yield log, sealed
-        except InputError:
-            log.close()
-            for file in filter(None, (job.session, sealed)):
-                file.unlink(missing_ok=True)
-            raise
 
 
 def _requested_scenario(scenario: Scenario, job: ArmJob) -> Scenario:

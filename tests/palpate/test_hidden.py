@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from palpate.estimation.study.source import open_source
+from palpate.robot_io.calibration.applied import Calibrations
 from palpate.robot_io.errors import SessionError
-from palpate.robot_io.session import Session, SessionMetadata
+from palpate.robot_io.session import Session
 from palpate.runs.hidden_effects import SEAL, command_line, hide
 from palpate.runs.probing import ProbingJob, run_probing
 from palpate.runs.robots import find_robot
-from palpate.runs.session import ArmJob, begin_session
+from palpate.runs.session import ArmJob, arm_session
 from palpate.sim_backend.hidden import SealedAnswer, draw_hidden, noise_scale, seal, sealed_path, unseal
 from palpate.sim_backend.imperfection import IMPERFECTIONS, parse_imperfection
 from palpate.sim_backend.scenario import Scenario, load_scenario
@@ -154,11 +155,8 @@ def test_existing_answer_file_is_preserved_and_probing_is_refused(tmp_path):
 def test_existing_session_gets_no_other_answer(tmp_path, mystery):
     """Whoever loses the race for the session's name seals nothing."""
     answer = sealed_path(mystery).read_text()
-    job = ArmJob(find_robot("follower"), mystery)
-    with (
-        pytest.raises(SessionError, match="already exists"),
-        begin_session(job, 3, SessionMetadata(), load_scenario({"hidden": BIAS})),
-    ):
+    job = ArmJob(find_robot("follower"), mystery, scenario=load_scenario({"hidden": BIAS}))
+    with pytest.raises(SessionError, match="already exists"), arm_session(job, Calibrations(), {}):
         pass
     assert sealed_path(mystery).read_text() == answer
     assert run("reveal", mystery).exit_code == 0
