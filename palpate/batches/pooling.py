@@ -126,21 +126,14 @@ class BatchResult(TableDisplay):
     def as_data(self) -> dict[str, Any]:
         """Return the result as plain data; the keys are stable."""
         return {
-            "folder": str(self.folder),
-            "page": str(self.page),
-            "measurements": self.measurements,
-            "finished": self.finished,
-            "errors": self.errors,
+            **{key: getattr(self, key) for key in ("folder", "page", "measurements", "finished", "errors")},
             "verdicts": dict(Counter(filter(None, texts(self.table, "verdict")))),
-            "pooled": [asdict(entry) for entry in self.pooled],
-            "differences": [asdict(entry) for entry in self.differences],
-            "common_effects": [asdict(entry) for entry in self.common_effects],
-            "shared": [asdict(entry) for entry in self.shared],
+            **{key: getattr(self, key) for key in ("pooled", "differences", "common_effects", "shared")},
             "outliers": [
                 {"measurement": self.table["measurement"][entry.row].as_py()} | asdict(entry)
                 for entry in self.outliers
             ],
-            "reports": dict(self.reports),
+            "reports": self.reports,
         }
 
 

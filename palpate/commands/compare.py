@@ -1,7 +1,7 @@
 """`palpate compare`: show how far a model misses a measurement, and where."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,7 +11,7 @@ from typer import Argument, Option
 from palpate.common import console
 from palpate.common.console import display_path, json_text, safe, shell_path
 from palpate.common.files import atomic_write_all, folder_to_fill, folder_to_read, output_folder, spare_files
-from palpate.common.options import JsonOption, model_names
+from palpate.common.options import JsonOption, model_names, with_options
 from palpate.estimation.estimate import with_unit
 from palpate.estimation.study import ChannelResult
 from palpate.estimation.study.channels import ALL_CHANNELS
@@ -24,13 +24,7 @@ from palpate.render.terminal import print_comparison, print_files
 from palpate.render.view import ChannelView
 from palpate.robot_io.errors import InputError
 from palpate.study import Study
-from palpate.workflows.data_options import (
-    DataArguments,
-    FolderOption,
-    ForceOption,
-    ModelOption,
-    takes_data,
-)
+from palpate.workflows.data_options import DataArguments, FolderOption, ForceOption, ModelOption
 
 RESULT, RECORDING = "comparison.json", "sides.rrd"
 PAIR_FILES = {"result": RESULT, "report": REPORT, "recording": RECORDING}  # of two measurements
@@ -72,21 +66,24 @@ _OTHER_REVISION = "Revision of OTHER; default: the same model is fitted to both.
 _OUT = "Write comparison.json and an HTML report to this folder."
 
 
-@takes_data
-def compare_command(
-    data: DataArguments,
-    *,
-    other: Annotated[Path | None, Argument(help=_OTHER)] = None,
-    model: ModelOption = None,
-    other_model: Annotated[str | None, Option(help=_OTHER_MODEL, autocompletion=model_names)] = None,
-    channel: Annotated[str | None, Option(help="Only this channel, such as contact.")] = None,
-    revision: Annotated[list[int] | None, Option(help=_REVISION, metavar="N")] = None,
-    other_revision: Annotated[list[int] | None, Option(help=_OTHER_REVISION, metavar="N")] = None,
-    folder: FolderOption = None,
-    as_json: JsonOption = False,
-    out: Annotated[Path | None, Option(help=_OUT, metavar="FOLDER")] = None,
-    force: ForceOption = False,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class CompareOptions(DataArguments):
+    """What is compared, as the user typed it."""
+
+    other: Annotated[Path | None, Argument(help=_OTHER)] = None
+    model: ModelOption = None
+    other_model: Annotated[str | None, Option(help=_OTHER_MODEL, autocompletion=model_names)] = None
+    channel: Annotated[str | None, Option(help="Only this channel, such as contact.")] = None
+    revision: Annotated[list[int] | None, Option(help=_REVISION, metavar="N")] = None
+    other_revision: Annotated[list[int] | None, Option(help=_OTHER_REVISION, metavar="N")] = None
+    folder: FolderOption = None
+    as_json: JsonOption = False
+    out: Annotated[Path | None, Option(help=_OUT, metavar="FOLDER")] = None
+    force: ForceOption = False
+
+
+@with_options(CompareOptions, "file")
+def compare_command(data: CompareOptions) -> None:
     """Compare a model with the measurement: how large its error is, and where it is largest.
 
     Compares the base model; use --revision N for a later one. Errors are computed on runs that were not
@@ -101,25 +98,24 @@ def compare_command(
       palpate compare before.csv after.csv --out comparison
       palpate compare a.mcap --model kelvin_voigt --other-model hunt_crossley
     """
-    data.refuse_idle_force(out, force=force)
-    named = {"--model": model, "--other-model": other_model, "--channel": channel}
-    if (revision or other_revision) and (given := [name for name, value in named.items() if value]):
+    data.refuse_idle_force(data.out, force=data.force)
+    named = {"--model": data.model, "--other-model": data.other_model, "--channel": data.channel}
+    if (data.revision or data.other_revision) and (given := [name for name, value in named.items() if value]):
         raise InputError(f"--revision sets channel and model: leave out {given[0]}")
-    if other is not None or other_model is not None or other_revision:
-        both, revisions = (model, other_model), (revision or [], other_revision or [])
-        _compare_pair(data, other, both, channel, revisions, folder, out, as_json=as_json, force=force)
+    if data.other is not None or data.other_model is not None or data.other_revision:
+        _compare_pair(data)
         return
-    study = data.study(model, folder_to_read(data.file, folder))
-    saved_revisions = _chosen_revisions(study, revision or ())
+    study = data.study(data.model, folder_to_read(data.file, data.folder))
+    saved_revisions = _chosen_revisions(study, data.revision or ())
     target = None
-    if out is not None:
-        target = output_folder(folder_to_fill(data.file, out, (RESULT, *NAMES), force=force))
+    if data.out is not None:
+        target = output_folder(folder_to_fill(data.file, data.out, (RESULT, *NAMES), force=data.force))
     with console.stderr().status("comparing"):
         if saved_revisions:
             results = [study.result(study.channel_of(item), item.effects) for item in saved_revisions]
             failures: dict[str, str] = {}
         else:
-            base = study.compare(channel)
+            base = study.compare(data.channel)
             results = [study.result(study.channel(item.channel)) for item in base.channels]
             failures = dict(base.failures)
     compared = [result.shown for result in results if result.shown is not None]
@@ -133,20 +129,16 @@ def compare_command(
                 "noise_floor": comparison.noise.value,
                 "noise_source": comparison.noise.source,
                 "noise_at_most": comparison.noise.is_bound,
-                "lack_of_fit": comparison.lack_of_fit,
-                "fits": comparison.fits,
+                **{name: getattr(comparison, name) for name in ("lack_of_fit", "fits")},
                 "parameters": {name: parameter.value for name, parameter in comparison.parameters.items()},
-                "parts": {by: list(map(vars, parts)) for by, parts in comparison.parts.items()},
-                "words": list(comparison.words),
-                "patterns": list(map(vars, comparison.patterns)),
-                "kinds": list(map(vars, comparison.kinds)),
+                **{name: getattr(comparison, name) for name in ("parts", "words", "patterns", "kinds")},
                 "not_judged": comparison.exclusion_note,
             }
             for comparison in compared
         ]
         return {"file": str(data.file), "model": models, "channels": channels, "failures": failures}
 
-    if as_json:
+    if data.as_json:
         console.print_json(content())
     else:
         print_comparison(console.stdout(), [result_view(each, with_parameters=False) for each in results])
@@ -159,36 +151,26 @@ def compare_command(
         for words in (*of_other_data, *failures.values()):
             console.stdout().print(f"[yellow]{safe(words)}[/yellow]")
 
-    grown = {"revision": [item.number for item in saved_revisions], "folder": folder}
-    again = f"palpate compare {data.command_text(channel=channel, model=model, **grown)}"
+    grown = {"revision": [item.number for item in saved_revisions], "folder": data.folder}
+    again = f"palpate compare {data.command_text(channel=data.channel, model=data.model, **grown)}"
     if target is not None:
         written = write_outcome(target, study, results, [again], {RESULT: json_text(content())})
         console.stderr().print(f"\nreport  [bold]{display_path(written['report'])}[/bold]")
-    if not as_json:
+    if not data.as_json:
         zoom = [(f"{again} --out FOLDER", "an interactive report")] if target is None else []
-        stages = (f"palpate revisions {data.command_text(folder=folder)}", "all stages")
-        first = [stages] if saved_revisions else _next_steps(data, study, results, model, channel, folder)
+        stages = (f"palpate revisions {data.command_text(folder=data.folder)}", "all stages")
+        first = [stages] if saved_revisions else _next_steps(data, study, results)
         console.next_steps(*first, *zoom)
 
 
-def _compare_pair(  # noqa: PLR0917, what was typed
-    data: DataArguments,
-    other: Path | None,
-    models: tuple[str | None, str | None],
-    channel: str | None,
-    revisions: tuple[list[int], list[int]],
-    folder: Path | None,
-    out: Path | None,
-    *,
-    as_json: bool,
-    force: bool,
-) -> None:
+def _compare_pair(data: CompareOptions) -> None:
     """Compare two studies, or two models of one; without a second revision, the first one's model is used."""
-    files, read = (data.file, other or data.file), folder_to_read(data.file, folder)
+    channel, out, read = data.channel, data.out, folder_to_read(data.file, data.folder)
+    files, models = (data.file, data.other or data.file), (data.model, data.other_model or data.model)
     first = data.study(models[0], read)
-    second = replace(data, file=files[1]).study(models[1] or models[0], None if other else read, first)
-    saved_revisions = _chosen_revisions(first, revisions[0])
-    other_revisions = _chosen_revisions(second, revisions[1]) or saved_revisions
+    second = replace(data, file=files[1]).study(models[1], None if data.other else read, first)
+    saved_revisions = _chosen_revisions(first, data.revision or ())
+    other_revisions = _chosen_revisions(second, data.other_revision or ()) or saved_revisions
     grown = _extended(first, saved_revisions), _extended(second, other_revisions)
     names = _names(first, second, grown)
     shared = compare_pairs(first, second, names, grown)
@@ -203,9 +185,10 @@ def _compare_pair(  # noqa: PLR0917, what was typed
             "COLUMN compares the specimens of one file"
         )
     if out is not None:
-        spare_files(out, PAIR_FILES.values(), force=force, keep=files)
+        spare_files(out, PAIR_FILES.values(), force=data.force, keep=files)
     same = files[0] == files[1]
-    given: dict[str, Any] = {"revision": revisions[0], "other-revision": revisions[1], "folder": folder}
+    given: dict[str, Any] = {"revision": data.revision or [], "other-revision": data.other_revision or []}
+    given["folder"] = data.folder
     is_of_base_models = same and not any(given.values())
     given["channel"] = channel
     if is_of_base_models:
@@ -222,7 +205,7 @@ def _compare_pair(  # noqa: PLR0917, what was typed
     view = PairView(names, tuple(channels), (again,))
     # The keys are stable.
     content = {"files": [str(file) for file in files], "channels": [as_data(pair) for pair in pairs]}
-    console.present(content, lambda: print_pair(console.stdout(), view), as_json=as_json)
+    console.present(content, lambda: print_pair(console.stdout(), view), as_json=data.as_json)
     if out is not None:
         with console.stderr().status("report and recording"):
             # plotting libraries take long to import
@@ -231,37 +214,33 @@ def _compare_pair(  # noqa: PLR0917, what was typed
             texts = {output_folder(out) / RESULT: json_text(content), out / REPORT: document(view)}
             with atomic_write_all(texts):
                 record_pair(view, out / RECORDING)
-        if not as_json:
+        if not data.as_json:
             print_files(console.stdout(), {what: out / name for what, name in PAIR_FILES.items()})
-    if not as_json:
+    if not data.as_json:
         steps = [] if out is not None else [(f"{again} --out FOLDER", "curves, residuals, and a recording")]
         alone = [
             replace(data, file=path).command_text(channel=channel, model=base)
-            for path, base in dict.fromkeys(zip(files, (models[0], models[1] or models[0]), strict=True))
+            for path, base in dict.fromkeys(zip(files, models, strict=True))
         ]
         steps += [(f"palpate compare {each}", "where its base model fails") for each in alone]
         console.next_steps(*steps)
 
 
-def _next_steps(  # noqa: PLR0917, what was typed
-    data: DataArguments,
-    study: Study,
-    results: Sequence[ChannelResult],
-    model: str | None,
-    channel: str | None,
-    folder: Path | None,
+def _next_steps(
+    data: CompareOptions, study: Study, results: Sequence[ChannelResult]
 ) -> Iterator[tuple[str, str]]:
     """Suggest commands that follow a comparison of base models, the nearest first."""
     newest = [saved for result in results if (saved := study.newest(result.channel)) is not None]
     if newest:
         own = list(dict.fromkeys([*(data.effect or ()), *user_effects_of(newest)]))
         numbers = [revision.number for revision in newest]
-        since = data.command_text(revision=numbers, folder=folder, effect=own)
+        since = data.command_text(revision=numbers, folder=data.folder, effect=own)
         yield f"palpate compare {since}", "with the effects added since"
-    elif model is None and data.urdf is None:
+    elif data.model is None and data.urdf is None:
         for result in results:  # suggest a far better base model if the usual one does not fit
             better = far_better_model(study, result.channel, result.comparison)
             if better is not None:
                 left = f"a base model with an error of {with_unit(better[1], result.channel.effort_unit)}"
-                yield f"palpate compare {data.command_text(channel=channel, model=better[0])}", left
-    yield f"palpate diagnose {data.command_text(channel=channel, model=model)}", "which effect is missing"
+                yield f"palpate compare {data.command_text(channel=data.channel, model=better[0])}", left
+    again = data.command_text(channel=data.channel, model=data.model)
+    yield f"palpate diagnose {again}", "which effect is missing"

@@ -58,11 +58,10 @@ class HiddenDemo:
 
     def as_data(self) -> dict[str, Any]:
         """Return the result as plain data; the keys are stable."""
-        diagnosis = self.result.diagnosis
         return {
-            "session": str(self.session),
-            "files": {what: str(path) for what, path in self.files.items()},
-            "diagnosis": diagnosis.model_dump(mode="json") if diagnosis is not None else None,
+            "session": self.session,
+            "files": self.files,
+            "diagnosis": self.result.diagnosis,
             "answer": [{"effect": entry.name, **entry.model_dump()} for entry in self.answer.hidden],
             "found": self.found,
         }
@@ -127,9 +126,9 @@ def demo_command(
         console.print_json(
             {
                 "again": again,
-                "session": str(session),
-                "recording": None if recording is None else str(recording),
-                "plots": [str(plots)],
+                "session": session,
+                "recording": recording,
+                "plots": [plots],
                 "result": as_data(estimates, truth),
                 "hidden": None if hidden is None else hidden.as_data(),
             }

@@ -1,6 +1,7 @@
 """`palpate diagnose` and `estimate`: diagnose missing effects, and estimate parameters."""
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Annotated
@@ -11,7 +12,7 @@ from typer import Option
 from palpate.common import console
 from palpate.common.console import as_shell_word, count, display_path, json_text, safe, shell_path
 from palpate.common.files import folder_to_fill, output_folder
-from palpate.common.options import JsonOption, estimator_names
+from palpate.common.options import JsonOption, estimator_names, with_options
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.diagnosis import Verdict
 from palpate.estimation.estimate import with_unit
@@ -27,12 +28,7 @@ from palpate.render.estimates import as_data, calibration_remark, print_estimate
 from palpate.render.terminal import print_diagnosis, print_files
 from palpate.robot_io.errors import InputError
 from palpate.study import Study
-from palpate.workflows.data_options import (
-    DataArguments,
-    ForceOption,
-    ModelOption,
-    takes_data,
-)
+from palpate.workflows.data_options import DataArguments, ForceOption, ModelOption, takes_data
 
 PLAN = "next-experiment.yaml"
 EXIT_CODES = {Verdict.MISSING: 10, Verdict.UNEXPLAINED: 11, Verdict.INSUFFICIENT: 12}  # 1 to 3 are failures
@@ -45,18 +41,21 @@ _APPLY = "Add the missing effects, and save each step as a revision."
 _OUT = f"Write {RESULT}, a report and more to this folder."
 
 
-@takes_data
-def diagnose_command(
-    data: DataArguments,
-    *,
-    model: ModelOption = None,
-    channel: Annotated[str | None, Option(help=_CHANNEL)] = None,
-    apply: Annotated[bool, Option("--apply", help=_APPLY)] = False,
-    exit_code: Annotated[bool, Option("--exit-code", help=_EXIT_CODE)] = False,
-    as_json: JsonOption = False,
-    out: Annotated[Path | None, Option(help=_OUT, metavar="FOLDER")] = None,
-    force: ForceOption = False,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class DiagnoseOptions(DataArguments):
+    """What is diagnosed, as the user typed it."""
+
+    model: ModelOption = None
+    channel: Annotated[str | None, Option(help=_CHANNEL)] = None
+    apply: Annotated[bool, Option("--apply", help=_APPLY)] = False
+    exit_code: Annotated[bool, Option("--exit-code", help=_EXIT_CODE)] = False
+    as_json: JsonOption = False
+    out: Annotated[Path | None, Option(help=_OUT, metavar="FOLDER")] = None
+    force: ForceOption = False
+
+
+@with_options(DiagnoseOptions, "file")
+def diagnose_command(data: DiagnoseOptions) -> None:
     """Diagnose whether a model lacks a physical effect, which effect, and how certain the answer is.
 
     Verdicts: adequate, missing, unexplained (something is missing, and no known effect explains it), or
@@ -65,14 +64,15 @@ def diagnose_command(
     """
     from palpate.render.progress import diagnosis_progress  # noqa: PLC0415, loads what moves an arm
 
-    data.refuse_idle_force(out, force=force)
-    study = data.study(model, out)
+    data.refuse_idle_force(data.out, force=data.force)
+    study = data.study(data.model, data.out)
     data.print_omitted()
-    writes = out is not None or apply or (study.source.session is not None and not as_json)
-    names = (RESULT, PLAN, *NAMES)
-    folder = output_folder(folder_to_fill(data.file, out, names, force=force)) if writes else None
-    with diagnosis_progress([item.name for item in study.chosen(channel)]) as progress:
-        diagnosis = study.diagnose(channel, apply=apply, progress=progress)
+    folder = None
+    if data.out is not None or data.apply or (study.source.session is not None and not data.as_json):
+        names = (RESULT, PLAN, *NAMES)
+        folder = output_folder(folder_to_fill(data.file, data.out, names, force=data.force))
+    with diagnosis_progress([item.name for item in study.chosen(data.channel)]) as progress:
+        diagnosis = study.diagnose(data.channel, apply=data.apply, progress=progress)
     following = study.next_probe(diagnosis.channels)
 
     @cache  # JSON does not need these comparisons of all channels
@@ -87,7 +87,7 @@ def diagnose_command(
         if study.source.probed and all(item.kind is not ChannelKind.CONTACT for item in study.channels):
             console.warn("no contact: the force never exceeds its level in free air; was anything touched?")
 
-    console.present(study.diagnosis_data(diagnosis), show, as_json=as_json)
+    console.present(study.diagnosis_data(diagnosis), show, as_json=data.as_json)
     plan = None
     if folder is not None:
         try:
@@ -100,18 +100,14 @@ def diagnose_command(
             from palpate.planning.next_probe import plan_text  # noqa: PLC0415, as where it was planned
 
             plan, texts[PLAN] = folder / PLAN, plan_text(following.proposal, following.plan)
-        repeated = (
-            f"palpate diagnose {data.command_text(channel=channel, model=model)}{' --apply' if apply else ''}"
-        )
-        written = write_outcome(folder, study, results(), [repeated], texts)
-        if not as_json:
+        repeated = data.command_text(channel=data.channel, model=data.model, apply=data.apply)
+        written = write_outcome(folder, study, results(), [f"palpate diagnose {repeated}"], texts)
+        if not data.as_json:
             console.stdout().print()
             print_files(console.stdout(), {"result": folder / RESULT, **written})
-    if not as_json:
-        console.next_steps(
-            *_next_steps(data, study, diagnosis, {"model": model, "channel": channel}, out, plan)
-        )
-    if exit_code:
+    if not data.as_json:
+        console.next_steps(*_next_steps(data, study, diagnosis, plan))
+    if data.exit_code:
         raise typer.Exit(_exit_code_of([channel.verdict for channel in diagnosis.channels]))
 
 
@@ -120,9 +116,7 @@ def _exit_code_of(verdicts: Iterable[Verdict]) -> int:
     return min((EXIT_CODES[verdict] for verdict in verdicts if verdict in EXIT_CODES), default=0)
 
 
-def _model_steps(
-    data: DataArguments, study: Study, diagnosis: StudyDiagnosis, model: str | None, out: Path | None
-) -> Iterator[tuple[str, str]]:
+def _model_steps(data: DiagnoseOptions, study: Study, diagnosis: StudyDiagnosis) -> Iterator[tuple[str, str]]:
     """Suggest commands that add the missing effects, or use the newest revision if it already has them."""
     improved = [channel for channel in diagnosis.channels if channel.accepted]
     added = {  # effects of the newest revision of each channel
@@ -133,7 +127,7 @@ def _model_steps(
         item for item in improved if set(added[item.channel]) == {entry.effect for entry in item.accepted}
     ]
     if saved:
-        kept = data.command_text(folder=out)
+        kept = data.command_text(folder=data.out)
         yield f"palpate revisions {kept}", "the newest revision contains the missing effects"
         yield from console.export_steps(kept, [study.channel(item.channel).kind for item in saved])
     for item in improved:
@@ -145,33 +139,28 @@ def _model_steps(
         where += " --fresh" if added[item.channel] else ""  # otherwise it would add to these
         it = "it" if len(item.accepted) == 1 else "them"
         # a folder without revisions is the user's, and its report is replaced only with --force
-        force = out is not None and not study.revisions
-        command = f"palpate add {data.command_text(model=model, out=out, force=force)} {names}{where}"
-        yield command, f"refit with {it}, and save a revision"
+        force = data.out is not None and not study.revisions
+        again = data.command_text(model=data.model, out=data.out, force=force)
+        yield f"palpate add {again} {names}{where}", f"refit with {it}, and save a revision"
 
 
-def _next_steps(  # noqa: PLR0917, what was typed and found
-    data: DataArguments,
-    study: Study,
-    diagnosis: StudyDiagnosis,
-    typed: dict[str, str | None],
-    out: Path | None,
-    plan: Path | None,
+def _next_steps(
+    data: DiagnoseOptions, study: Study, diagnosis: StudyDiagnosis, plan: Path | None
 ) -> Iterator[tuple[str, str]]:
     """Suggest commands that follow a diagnosis, the nearest first."""
-    again = data.command_text(**typed)
-    yield from _model_steps(data, study, diagnosis, typed["model"], out)
-    if typed["model"] is None and data.urdf is None:
+    again = data.command_text(model=data.model, channel=data.channel)
+    yield from _model_steps(data, study, diagnosis)
+    if data.model is None and data.urdf is None:
         for item in diagnosis.channels:
             better = better_explanation(study, study.channel(item.channel), item)
             if better is not None:
                 left = f"start from a base model with an error of {with_unit(better[1], item.effort_unit)}"
-                better_text = data.command_text(channel=typed["channel"], model=better[0])
+                better_text = data.command_text(channel=data.channel, model=better[0])
                 yield f"palpate diagnose {better_text}", left
     for item in diagnosis.channels if data.urdf is not None else ():
         error = error_with_fitted_masses(study, study.channel(item.channel), item)
         if error is not None:
-            fitted_text = data.command_text(channel=typed["channel"], model=FITTED_ARM_MODEL)
+            fitted_text = data.command_text(channel=data.channel, model=FITTED_ARM_MODEL)
             left = f"fit the links' masses too: {item.channel} then has an error of"
             yield f"palpate diagnose {fitted_text}", f"{left} {with_unit(error, item.effort_unit)}"
             break  # the model is one of the whole arm
@@ -198,10 +187,10 @@ def _next_steps(  # noqa: PLR0917, what was typed and found
             remedy = f"palpate import {shell_path(data.file)} FILE ... --look", "import more files as runs"
         yield remedy
         return
-    only = None if typed["channel"] == ALL_CHANNELS else typed["channel"]
+    only = None if data.channel == ALL_CHANNELS else data.channel
     is_adequate = all(channel.verdict is Verdict.ADEQUATE for channel in diagnosis.channels)
     purpose = "the model beside the measurements" if is_adequate else "where the model fails"
-    yield f"palpate compare {data.command_text(model=typed['model'], channel=only, folder=out)}", purpose
+    yield f"palpate compare {data.command_text(model=data.model, channel=only, folder=data.out)}", purpose
 
 
 _ESTIMATOR = (

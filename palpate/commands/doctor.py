@@ -90,8 +90,8 @@ def doctor_command(  # noqa: PLR0917, one parameter an option
     steps = []
     if check is not None and robot is not None:
         steps = _next_steps(check, robot, as_built, failed, NOT_POWERED in findings)
-    content, line = {"findings": [vars(finding) for finding in findings]}, f"{verdict[failed]}: {counts}"
-    console.present(content, lambda: console.stdout().print(line), steps, as_json=as_json)
+    line = f"{verdict[failed]}: {counts}"
+    console.present({"findings": findings}, lambda: console.stdout().print(line), steps, as_json=as_json)
     if failed:
         raise typer.Exit(1)
 

@@ -1,7 +1,8 @@
 """`palpate export` and `report`: write models, recorded data or a report."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -18,7 +19,7 @@ from palpate.common.files import (
     output_file,
     write_text,
 )
-from palpate.common.options import JsonOption
+from palpate.common.options import JsonOption, with_options
 from palpate.common.table_files import write_table
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.study.revisions import user_effects_of
@@ -80,21 +81,34 @@ _LAYOUT = "Write a layout file for viewing the session in Foxglove or PlotJuggle
 _OUT = "File to write: scenario or feedforward (.yaml), simulator file, or table (.csv, .parquet)."
 
 
-@takes_data
-def export_command(
-    data: DataArguments,
-    *,
-    revision: Annotated[list[int] | None, Option(help=_REVISION, metavar="N")] = None,
-    form: Annotated[Format, Option("--format", help=_FORM)] = Format.SCENARIO,
-    patch: Annotated[Path | None, Option(help=_PATCH, metavar="FILE")] = None,
-    servo_gain: Annotated[float | None, Option(help=_SERVO_GAIN, metavar="NM_PER_RAD")] = None,
-    stream: Annotated[str | None, Option(help=_STREAM)] = None,
-    layout: Annotated[PlotProgram | None, Option(help=_LAYOUT)] = None,
-    folder: FolderOption = None,
-    out: Annotated[Path | None, Option("--out", "-o", help=_OUT, metavar="FILE")] = None,
-    force: Annotated[bool, Option("--force", help="Replace a file that already exists.")] = False,
-    as_json: JsonOption = False,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class ExportOptions(DataArguments):
+    """What is exported, as the user typed it."""
+
+    revision: Annotated[list[int] | None, Option(help=_REVISION, metavar="N")] = None
+    form: Annotated[Format, Option("--format", help=_FORM)] = Format.SCENARIO
+    patch: Annotated[Path | None, Option(help=_PATCH, metavar="FILE")] = None
+    servo_gain: Annotated[float | None, Option(help=_SERVO_GAIN, metavar="NM_PER_RAD")] = None
+    stream: Annotated[str | None, Option(help=_STREAM)] = None
+    layout: Annotated[PlotProgram | None, Option(help=_LAYOUT)] = None
+    folder: FolderOption = None
+    out: Annotated[Path | None, Option("--out", "-o", help=_OUT, metavar="FILE")] = None
+    force: Annotated[bool, Option("--force", help="Replace a file that already exists.")] = False
+    as_json: JsonOption = False
+
+    def writable(self, usual: Path, *, endings: Collection[str] = ()) -> Path:
+        """Return the file of --out, or the usual one, if it may be written; see `output_file`.
+
+        Args:
+            usual: path without --out; an existing file is replaced.
+            endings: endings that the name may have; empty for any.
+        """
+        force = self.force or self.out is None
+        return output_file(self.out or usual, force=force, keep=[self.file], endings=endings)
+
+
+@with_options(ExportOptions, "file")
+def export_command(data: ExportOptions) -> None:
     """Export the fitted models of object and joints as a scenario that can be probed in simulation.
 
     Effects that the simulator cannot represent are reported and omitted.
@@ -114,53 +128,49 @@ def export_command(
       palpate export arm.csv --urdf arm.urdf --format mjcf --patch arm.xml -o better.xml
       palpate export stiff.mcap --stream tick -o ticks.parquet
     """
-    exclusive = {"--stream": stream, "--layout": layout, "--revision": revision}
+    stream, layout, form = data.stream, data.layout, data.form
+    exclusive = {"--stream": stream, "--layout": layout, "--revision": data.revision}
     given = [name for name, value in exclusive.items() if value]
     if form is not Format.SCENARIO and (stream or layout):
         given.append(f"--format {form}")
     if len(given) > 1:
         raise InputError(f"{' and '.join(given)}: one file is written; choose one of them")
     if layout is not None:
-        session = open_session(data.file)
-        path = out or derived_folder(data.file) / f"{layout}{LAYOUT_ENDINGS[layout]}"
-        text = layout_of(session, layout)
-        write_text(output_file(path, force=force or out is None, keep=[data.file]), text)
+        text = layout_of(session := open_session(data.file), layout)
+        path = data.writable(derived_folder(data.file) / f"{layout}{LAYOUT_ENDINGS[layout]}")
+        write_text(path, text)
         advice = f"open {display_path(data.file)} in {PROGRAMS[layout]}, and then this layout"
         streams = [session.samples(name).stream for name in session.stream_names]
         if long := [each for each in streams if each.batch > 1]:
             advice += f"; it shows every {long[0].batch}th sample (palpate inspect draws the peaks of all)"
-        content: dict[str, Any] = {"layout": str(path), "program": str(layout)}
-        made = _Export(content, [f"layout  [bold]{display_path(path)}[/bold]"], advice=advice)
+        line = f"layout  [bold]{display_path(path)}[/bold]"
+        made = _Export({"layout": path, "program": layout}, [line], advice=advice)
     elif stream is not None:
         existing_data(data.file)
-        path = out or derived_folder(data.file) / f"{stream}.csv"
-        if path.suffix not in ENDINGS:
-            raise InputError(f"output {path}: a table is written as {' or '.join(ENDINGS)}")
+        if data.out is not None and data.out.suffix not in ENDINGS:
+            raise InputError(f"output {data.out}: a table is written as {' or '.join(ENDINGS)}")
         table = recorded_table(data.file, data.options, stream)
-        write_table(table, output_file(path, force=force or out is None, keep=[data.file]))
+        path = data.writable(derived_folder(data.file) / f"{stream}.csv")
+        write_table(table, path)
         columns = table.column_names
         size = f"{count(table.num_rows, 'row')}, {count(table.num_columns, 'column')}"
         steps = []
         if "displacement_m" in columns or any("torque_Nm" in column for column in columns):
             steps.append((f"palpate import {shell_path(path)}", "import it as a measurement"))
-        content = {"stream": stream, "table": str(path), "columns": columns}
-        made = _Export(content, [f"table  [bold]{display_path(path)}[/bold]: {size}"], steps)
+        line = f"table  [bold]{display_path(path)}[/bold]: {size}"
+        made = _Export({"stream": stream, "table": path, "columns": columns}, [line], steps)
     else:
-        place = folder_to_read(data.file, folder)
+        place = folder_to_read(data.file, data.folder)
         study = data.study(None, place)
-        path, force = out or place / _FILES[form][0], force or out is None
-        if patch is not None and form in (Format.SCENARIO, Format.FEEDFORWARD):
-            raise InputError(
-                f"--patch {patch}: --format {form} does not use this option. Valid formats: mjcf, urdf, bam"
-            )
-        if servo_gain is not None and form in (Format.SCENARIO, Format.FEEDFORWARD):
-            raise InputError(f"--servo-gain {servo_gain:g}: only for --format mjcf, urdf, isaaclab or bam")
-        if form is Format.SCENARIO:
-            made = _export_scenario(data, study, path, revision or (), folder, force=force)
-        else:
-            made = _export_joints(
-                data, study, path, revision or (), form, patch, force=force, servo_gain_nm_rad=servo_gain
-            )
+        is_for_simulator = form not in (Format.SCENARIO, Format.FEEDFORWARD)
+        if data.patch is not None and not is_for_simulator:
+            valid = "Valid formats: mjcf, urdf, bam"
+            raise InputError(f"--patch {data.patch}: --format {form} does not use this option. {valid}")
+        if data.servo_gain is not None and not is_for_simulator:
+            valid = "only for --format mjcf, urdf, isaaclab or bam"
+            raise InputError(f"--servo-gain {data.servo_gain:g}: {valid}")
+        export = _export_scenario if form is Format.SCENARIO else _export_joints
+        made = export(data, study, place / _FILES[form][0])
 
     def show() -> None:
         for line in made.lines:
@@ -171,20 +181,13 @@ def export_command(
         if made.advice:
             console.stderr().print(made.advice, soft_wrap=True)
 
-    console.present({"file": str(data.file), **made.content}, show, made.steps, as_json=as_json)
+    console.present({"file": str(data.file), **made.content}, show, made.steps, as_json=data.as_json)
 
 
-def _export_scenario(
-    data: DataArguments,
-    study: "Study",
-    path: Path,
-    revisions: Sequence[int],
-    folder: Path | None,
-    *,
-    force: bool,
-) -> _Export:
+def _export_scenario(data: ExportOptions, study: "Study", usual: Path) -> _Export:
     """Write the models as a simulated world, and warn of a model that leaves more than the noise."""
-    output_file(path, force=force, keep=[data.file], endings=_FILES[Format.SCENARIO][1])
+    revisions = data.revision or ()
+    path = data.writable(usual, endings=_FILES[Format.SCENARIO][1])
     kept = study.to_export(revisions)
     _warn_of_base_models(study, [study.channel_of(i) for i in kept if not i.effects and not revisions])
     for item in kept:
@@ -200,7 +203,7 @@ def _export_scenario(
             )
     export = study.export(path, [item.number for item in kept])
     numbers, own = [each.number for each in kept], user_effects_of(kept)
-    again = data.command_text(revision=numbers, folder=folder, effect=[*(data.effect or ()), *own])
+    again = data.command_text(revision=numbers, folder=data.folder, effect=[*(data.effect or ()), *own])
     steps = [(f"palpate probe --scenario {shell_path(path)}", "probe the model as if it were the object")]
     if study.source.probed and data.file.is_file():
         twin = f"palpate replay {shell_path(data.file)} --scenario {shell_path(path)}"
@@ -210,32 +213,23 @@ def _export_scenario(
     return _Export(content, [f"scenario  [bold]{display_path(path)}[/bold]"], steps)
 
 
-def _export_joints(  # noqa: PLR0917, what was typed
-    data: DataArguments,
-    study: "Study",
-    path: Path,
-    revisions: Sequence[int],
-    form: Format,
-    patch: Path | None,
-    *,
-    force: bool,
-    servo_gain_nm_rad: float | None = None,
-) -> _Export:
+def _export_joints(data: ExportOptions, study: "Study", usual: Path) -> _Export:
     """Write the models of the joints as a feedforward or for a simulator, and warn of base models."""
-    content: dict[str, Any]
+    form, revisions, content = data.form, data.revision or [], dict[str, Any]()
     if form is Format.FEEDFORWARD:
+        path = data.out or usual
         if path.suffix not in _FILES[form][1]:
             raise InputError(f"output {path}: a feedforward is written as .yaml, with .py and .c beside it")
         files = [("table", path), ("python", path.with_suffix(".py")), ("c", path.with_suffix(".c"))]
         for _, file in files:
-            output_file(file, force=force, keep=[data.file])
-        written = study.export_feedforward(path, list(revisions))
-        content = {name: str(file) for name, file in files}
+            output_file(file, force=data.force or data.out is None, keep=[data.file])
+        written = study.export_feedforward(path, revisions)
+        content = dict(files)
     else:
-        output_file(path, force=force, keep=[data.file], endings=_FILES[form][1])
-        written = study.export_simulator(path, form.value, patch, list(revisions), servo_gain_nm_rad)
+        path = data.writable(usual, endings=_FILES[form][1])
+        written = study.export_simulator(path, form.value, data.patch, revisions, data.servo_gain)
         files = [(form.value, file) for file in written.files]
-        content = {"format": form.value, "files": [str(file) for file in written.files]}
+        content = {"format": form.value, "files": written.files}
     chosen = {study.revision(number).channel for number in revisions}
     joints = [item for item in study.channels if item.kind is not ChannelKind.CONTACT]
     plain = [item for item in joints if item.name not in chosen and study.newest(item) is None]

@@ -96,7 +96,7 @@ def import_command(
         imported = previews[0] if len(previews) == 1 else import_files(tables, options.options)
         for warning in _plausibility_warnings(imported):
             console.stdout().print(f"[yellow]{safe(warning)}[/yellow]")
-        words = [*map(shell_path, files[:-1]), shell_options(files[-1], **options.given)]
+        words = [*map(shell_path, files[:-1]), shell_options(files[-1], **options.given(ReadOptions))]
         console.next_steps((" ".join(["palpate import", *words]), "store it as a session"))
         return
     stem = files[0].name.removesuffix(".gz").rpartition(".")[0] or files[0].stem

@@ -1,5 +1,6 @@
 """`palpate add`, `remove` and `revisions`: extend a model step by step, and go back."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -15,13 +16,7 @@ from palpate.estimation.study.revisions import user_effects_of
 from palpate.render.build import NAMES, result_view, write_outcome
 from palpate.render.terminal import print_files, print_revisions, print_stages
 from palpate.study import Study
-from palpate.workflows.data_options import (
-    DataArguments,
-    FolderOption,
-    ForceOption,
-    ModelOption,
-    takes_data,
-)
+from palpate.workflows.data_options import DataArguments, FolderOption, ForceOption, ModelOption, takes_data
 
 _EFFECTS = "Effects to add, in order."
 _START = "Continue from this revision instead of the newest."
@@ -52,13 +47,6 @@ def add_command(
     with console.stderr().status("refitting stage by stage"):
         change = study.add(*effects, channel=channel, start=start, fresh=fresh)
     written = _update_report(data, study, change, folder, out)
-
-    def show() -> None:
-        print_stages(console.stdout(), result_view(replace(change.result, diagnosis=None)))
-        print_files(console.stdout(), written)
-
-    revisions = [revision.model_dump(mode="json") for revision in change.revisions]
-    content = {"file": str(data.file), "channel": change.result.channel.name, "revisions": revisions}
     newest, kept = change.revisions[-1], data.command_text(folder=out)
     steps = [console.rerun_step(written["recording"])] if "recording" in written else []
     steps.append((f"palpate revisions {kept}", "all revisions"))
@@ -69,7 +57,8 @@ def add_command(
     if grown is None or not grown.fits:
         steps.append((f"palpate compare {kept} --revision {newest.number}", "where the model still fails"))
     steps += console.export_steps(kept, [change.result.channel.measured.kind])
-    console.present(content, show, steps, as_json=as_json)
+    result = replace(change.result, diagnosis=None)
+    _present(data, replace(change, result=result), written, steps, as_json=as_json)
 
 
 _EFFECT_NAME = "Effect to remove."
@@ -97,18 +86,27 @@ def remove_command(
     with console.stderr().status("refitting without it"):
         change = study.remove(effect_name, channel)
     written = _update_report(data, study, change, kept_in, folder)
+    steps = [(f"palpate revisions {data.command_text(folder=folder)}", "all revisions")]
+    _present(data, change, written, steps, as_json=as_json)
+
+
+def _present(
+    data: DataArguments,
+    change: RevisionChange,
+    written: Mapping[str, Path],
+    steps: Sequence[tuple[str, str]],
+    *,
+    as_json: bool,
+) -> None:
+    """Print the stages of a changed model and the written files, or its new revisions as JSON."""
 
     def show() -> None:
         print_stages(console.stdout(), result_view(change.result))
         print_files(console.stdout(), written)
 
-    kept = [revision.model_dump(mode="json") for revision in change.revisions]
-    console.present(
-        {"file": str(data.file), "channel": change.result.channel.name, "revisions": kept},
-        show,
-        [(f"palpate revisions {data.command_text(folder=folder)}", "all revisions")],
-        as_json=as_json,
-    )
+    channel = change.result.channel.name
+    content = {"file": str(data.file), "channel": channel, "revisions": change.revisions}
+    console.present(content, show, steps, as_json=as_json)
 
 
 def _update_report(
@@ -120,14 +118,12 @@ def _update_report(
     with console.stderr().status("report and recording"):
         judged = [result.channel.name for result in results if result.diagnosis is not None]
         which = judged[0] if len(judged) == 1 else ALL_CHANNELS
-        commands = (
-            [f"palpate diagnose {data.command_text(out=typed_folder, channel=which)}"] if judged else []
-        )
-        for result in results:
-            if result.added:
-                chosen = {"model": result.channel.model.name, "channel": result.channel.name}
-                begun = data.command_text(out=typed_folder, **chosen)
-                commands.append(f"palpate add {begun} {' '.join(result.added)} --fresh")
+        diagnose = data.command_text(out=typed_folder, channel=which)
+        commands = [f"palpate diagnose {diagnose}"] if judged else []
+        for result in (result for result in results if result.added):
+            chosen = {"model": result.channel.model.name, "channel": result.channel.name}
+            begun = data.command_text(out=typed_folder, **chosen)
+            commands.append(f"palpate add {begun} {' '.join(result.added)} --fresh")
         written = write_outcome(folder, study, results, commands)
     for result in results:
         if result.left_out:
@@ -171,5 +167,4 @@ def revisions_command(data: DataArguments, as_json: JsonOption = False, folder: 
         else:
             console.stdout().print("no revisions yet: nothing was added to a model")
 
-    kept = [revision.model_dump(mode="json") for revision in revisions]
-    console.present({"file": str(data.file), "revisions": kept}, show, steps, as_json=as_json)
+    console.present({"file": str(data.file), "revisions": revisions}, show, steps, as_json=as_json)

@@ -10,6 +10,7 @@ import shlex
 import shutil
 import sys
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import fields, is_dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -48,10 +49,10 @@ def _console(*, stderr: bool) -> Console:
 
 
 def print_json(data: Any) -> None:  # noqa: ANN401
-    """Print `data` as strict JSON on stdout; arrays become lists, NaN and infinity become null.
+    """Print `data` as strict JSON on stdout; see `plain`.
 
     Args:
-        data: mappings, sequences, arrays and scalars; anything else is converted by `str`.
+        data: any data.
     """
     JsonOutput.was_printed = True
     readable = "utf" in (sys.stdout.encoding or "").lower()
@@ -62,21 +63,26 @@ def print_json(data: Any) -> None:  # noqa: ANN401
 
 
 def json_text(data: Any, *, is_ascii: bool = False) -> str:  # noqa: ANN401
-    """Format data as the text of a JSON file; arrays become lists, NaN and infinity become null.
+    """Format data as the text of a JSON file; see `plain`.
 
     Args:
-        data: mappings, sequences, arrays and scalars; anything else is converted by `str`.
+        data: any data.
         is_ascii: whether to escape all characters beyond ASCII.
     """
     return json.dumps(plain(data), indent=2, ensure_ascii=is_ascii, allow_nan=False) + "\n"
 
 
 def plain(value: Any) -> Any:  # noqa: ANN401
-    """Convert a value to JSON's own types.
+    """Convert a value to JSON's own types; NaN and infinity become null.
 
     Args:
-        value: mappings, sequences, arrays and scalars; anything else is converted by `str`.
+        value: mappings, dataclasses, models of pydantic, sequences, arrays and scalars; anything else is
+            converted by `str`.
     """
+    if is_dataclass(value):
+        value = {field.name: getattr(value, field.name) for field in fields(value)}
+    elif hasattr(value, "model_dump"):
+        value = value.model_dump(mode="json")
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):

@@ -7,7 +7,7 @@ the shell asks for a completion, so that help starts fast.
 import functools
 from collections.abc import Callable
 from dataclasses import MISSING, fields
-from inspect import Parameter, Signature, signature
+from inspect import Parameter, Signature, get_annotations, signature
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
@@ -42,13 +42,15 @@ def with_options(
 
     Args:
         options: dataclass whose fields are the options.
-        lead: field placed before the command's own options, while the other fields follow them; by default
-            all fields come first.
+        lead: field placed first. The other fields of the class that declares it come last; fields of a
+            derived class and the command's own options come before them. By default all fields come first.
         defaults: default values of fields that differ from those of the class.
     """
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         hints = get_type_hints(options, include_extras=True)
+        owner = next((each for each in options.__mro__ if lead in get_annotations(each)), None)
+        last = {field.name for field in fields(owner)} - {lead} if owner is not None else set()
         shared: dict[str, Parameter] = {}
         for field in fields(options):
             default = defaults.get(field.name, field.default)
@@ -64,9 +66,9 @@ def with_options(
         def call(**values: Any) -> None:  # noqa: ANN401
             command(options(**{name: values.pop(name) for name in shared}), **values)
 
-        first = [shared[lead]] if lead else list(shared.values())
-        last = [parameter for parameter in shared.values() if parameter not in first]
-        every = [*first, *own, *last]
+        names = sorted(shared, key=lambda name: name != lead)
+        first = [shared[name] for name in names if name not in last]
+        every = [*first, *own, *(shared[name] for name in names if name in last)]
         call.__signature__ = Signature(every)  # type: ignore[attr-defined]
         call.__annotations__ = {parameter.name: parameter.annotation for parameter in every}
         return call

@@ -48,10 +48,13 @@ class ReadOptions:
     runs: Annotated[int | None, Option(min=1, help=_RUNS, metavar="N")] = None
     table: Annotated[str | None, Option(help=_TABLE, metavar="TABLE")] = None
 
-    @property
-    def given(self) -> dict[str, Any]:
-        """All options as `shell_options` takes them."""
-        values = {field.name.replace("_", "-"): getattr(self, field.name) for field in fields(self)}
+    def given(self, declared: type) -> dict[str, Any]:
+        """Return the options of a class, as `shell_options` takes them.
+
+        Args:
+            declared: class of this object, or one from which it is derived.
+        """
+        values = {field.name.replace("_", "-"): getattr(self, field.name) for field in fields(declared)}
         return {name: value for name, value in values.items() if name != "file"}
 
     @property
@@ -166,7 +169,7 @@ class DataArguments(StudyOptions):
         Args:
             more: further options, or others instead of those given; see `shell_options`.
         """
-        return shell_options(self.file, **{**self.given, **more})
+        return shell_options(self.file, **{**self.given(DataArguments), **more})
 
 
 def _run_numbers(text: str | None) -> list[int]:
