@@ -207,9 +207,11 @@ class Study(ModelStudy):
         Raises:
             InputError: the file cannot be written.
         """
-        from palpate.render.report import write_report  # noqa: PLC0415, as above
+        from palpate.render.report import document  # noqa: PLC0415, as above
 
-        return write_report(view_of(self, commands=commands), _path(path, "report"))
+        place = _path(path, "report")
+        write_text(place, document(view_of(self, commands=commands)))
+        return place
 
     def export(self, path: Path | str, revisions: int | Sequence[int] = ()) -> "Export":
         """Write the fitted models as a simulated world.
@@ -223,8 +225,21 @@ class Study(ModelStudy):
             InputError: a revision is of other data, several are of one channel, there is nothing to write, or
                 the file cannot be written.
         """
-        place = _path(path, "scenario")
-        made = self.exported(self.to_export(_numbers(revisions)))
+        from palpate.export.scenario import FittedChannel, export_scenario  # noqa: PLC0415, with the simulator
+
+        place, chosen = _path(path, "scenario"), self.to_export(_numbers(revisions))
+        joints = sum(channel.name.startswith("joint_") for channel in self.source.channels)
+        fitted = []
+        for revision in chosen:
+            values = {name: parameter.value for name, parameter in revision.parameters.items()}
+            surface = self.channel_of(revision).data.surface
+            fitted.append(FittedChannel(revision.channel, values, surface, joints))
+        _refuse_goal_error([self.channel_of(revision) for revision in chosen])
+        models = (f"{item.channel} {' + '.join([item.model, *item.effects])}" for item in chosen)
+        description = f"as measured in {self.source.name}: {'; '.join(models)}"
+        if not any(each.is_contact for each in fitted):
+            description += "; the object was not measured"
+        made = export_scenario(self._base_world(), fitted, description)
         write_text(place, made.scenario.to_yaml())
         return made
 
@@ -398,32 +413,6 @@ class Study(ModelStudy):
                 "effect to a joint first (palpate add, palpate diagnose --apply)"
             )
         return chosen
-
-    def exported(self, revisions: Sequence[Revision]) -> "Export":
-        """Return the simulated world of these revisions; see `export`.
-
-        Args:
-            revisions: at most one of each channel.
-
-        Raises:
-            InputError: a revision cannot be exported.
-        """
-        from palpate.export.scenario import FittedChannel, export_scenario  # noqa: PLC0415, with the simulator
-
-        joints = sum(channel.name.startswith("joint_") for channel in self.source.channels)
-        fitted = []
-        for revision in revisions:
-            values = {name: parameter.value for name, parameter in revision.parameters.items()}
-            surface = self.channel_of(revision).data.surface
-            fitted.append(FittedChannel(revision.channel, values, surface, joints))
-        _refuse_goal_error([self.channel_of(revision) for revision in revisions])
-        models = (
-            f"{revision.channel} {' + '.join([revision.model, *revision.effects])}" for revision in revisions
-        )
-        description = f"as measured in {self.source.name}: {'; '.join(models)}"
-        if not any(each.is_contact for each in fitted):
-            description += "; the object was not measured"
-        return export_scenario(self._base_world(), fitted, description)
 
     def _base_world(self) -> "Scenario":
         """Return the world that the models complete: the session's, or the default; InputError if damaged."""

@@ -10,7 +10,7 @@ from palpate.common.console import display_path, shell_path
 from palpate.control.loop.tick_record import STREAM_NAME as TICK
 from palpate.control.teleop.messaging import STREAM_NAME as LINK
 from palpate.render.inspection import PLOTS, RECORDING, inspect_session
-from palpate.render.recording.file import capture_screenshot, open_window
+from palpate.render.recording.file import capture_screenshot, start_viewer
 from palpate.robot_io.errors import InputError
 
 BOTH = "both.rrd"  # name of a leader's and a follower's recording
@@ -71,7 +71,7 @@ def inspect_command(  # noqa: PLR0917, one parameter an option
         capture_screenshot(recording, screenshot, moment_s, PIXELS)
         console.say(f"picture: [bold]{display_path(screenshot)}[/bold]")
     elif save is None and plots is None and console.has_display():
-        open_window(recording)
+        start_viewer("--port", "auto", str(recording.absolute()), detached=True)
         console.stdout().print("opened in a separate window")
     else:
         console.next_steps(

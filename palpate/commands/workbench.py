@@ -16,7 +16,7 @@ from palpate.common.files import existing_data, existing_file, output_folder
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.robot_io.extras import missing_package
-from palpate.workbench.startup import LOOPBACK, AppState, early_server, raw_curves
+from palpate.workbench.startup import LOOPBACK, AppState, EarlyServer, raw_curves
 from palpate.workflows.data_options import DataArguments, ModelOption, may_take_data
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def workbench_command(
         home.state = _state(data, file, data.options, model)  # refuses runs that do not exist
     if find_spec("nicegui") is None:  # before an address is printed
         raise ModuleNotFoundError(missing_package("nicegui"), name="nicegui")
-    early = early_server(port)
+    early = EarlyServer(port)
     if foxglove is not None:
         from palpate.workbench.live import FoxgloveFeed  # noqa: PLC0415, rarely wanted
 

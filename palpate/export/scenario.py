@@ -5,7 +5,7 @@ of the other. An effect that is not here, or whose values the simulator refuses,
 """
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import atan2, hypot
 
@@ -29,15 +29,6 @@ SHORTEST_SLIP_M = 1e-6
 def _renamed(**names: str) -> Term:
     """Make a term of the same effect with renamed parameters: scenario's name = fitted name."""
     return lambda p: [{key: p[name] for key, name in names.items()}]
-
-
-def _lost(effect: str, p: Values) -> Iterator[str]:
-    """Describe what the simulator does differently for a fitted effect, in a sentence."""
-    if effect == "dry_friction" and p["presliding"] < SHORTEST_SLIP_M:
-        yield (
-            f"dry_friction changes sign over {SHORTEST_SLIP_M:.0e} m, the shortest simulated path: its "
-            f"presliding of {p['presliding']:.2g} m and transition of {p['transition']:.2g} m/s are left out"
-        )
 
 
 CONTACT: Mapping[str, Term] = {
@@ -184,7 +175,12 @@ def export_scenario(base: Scenario, fitted: Sequence[FittedChannel], description
             made, lines = _entries(name, values, channel)
             hidden += made
             (used if made else left_out).extend(f"{where}: {line}" for line in lines)
-            left_out += [f"{where}: {line}" for line in _lost(name, values)]
+            if name == "dry_friction" and values["presliding"] < SHORTEST_SLIP_M:
+                left_out.append(
+                    f"{where}: dry_friction changes sign over {SHORTEST_SLIP_M:.0e} m, the shortest "
+                    f"simulated path: its presliding of {values['presliding']:.2g} m and transition of "
+                    f"{values['transition']:.2g} m/s are left out"
+                )
     return Export(scenario.with_hidden(hidden), tuple(used), tuple(left_out))
 
 

@@ -201,20 +201,18 @@ def simulate_plans(simulations: Sequence[PlanSimulation], processes: int = 1) ->
         processes: largest number of new processes; 1 to use only this one.
     """
     known = {trial: _known[trial] for trial in simulations if trial in _known}
-    new = [trial for trial in simulations if trial not in known]
+    new = [trial for trial in dict.fromkeys(simulations) if trial not in known]
     parallel = processes > 1 and len(new) > 1
     with worker_pool(min(processes, len(new))) if parallel else nullcontext() as pool:
-        coming = {trial: pool.submit(_simulate_or_none, trial) for trial in new} if pool else {}
+        simulated = pool.map(_simulate_or_none, new) if pool else map(_simulate_or_none, new)
         for trial in simulations:
-            if trial in coming:
-                ticks = coming[trial].result()
-            else:
-                ticks = known[trial] if trial in known else _simulate_or_none(trial)
-            _known[trial] = ticks
+            if trial not in known:
+                known[trial] = next(simulated)
+            _known[trial] = known[trial]
             _known.move_to_end(trial)
             if len(_known) > _KEPT:
                 _known.popitem(last=False)
-            yield ticks
+            yield known[trial]
 
 
 def _simulate_or_none(simulation: PlanSimulation) -> Samples | None:

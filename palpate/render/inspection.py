@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.common.console import count
+from palpate.common.files import write_text
 from palpate.control.loop.tick_record import STREAM_NAME
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.channels import session_channels
@@ -22,7 +23,7 @@ from palpate.render.estimates import estimates_view, markdown_summary
 from palpate.render.recording.revisions import record_rerun
 from palpate.render.recording.scene import VECTORS, Columns, Scene
 from palpate.render.recording.session import record_session
-from palpate.render.report import write_report
+from palpate.render.report import document
 from palpate.render.view import ChannelView, StudyView, VerdictView
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.atomic_write import replace_undecodable
@@ -70,7 +71,8 @@ class Inspection:
         """
         if not any(channel.stages for channel in self.view.channels):
             raise InputError(f"{self.session.path}: nothing was touched, so there is nothing to plot")
-        return write_report(self.view, folder / PLOTS)
+        write_text(folder / PLOTS, document(self.view))
+        return folder / PLOTS
 
 
 def inspect_session(session: Session, estimates: ChannelEstimates | None = None) -> Inspection:

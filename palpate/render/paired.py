@@ -34,11 +34,6 @@ class ChannelPairView:
     views: tuple[ChannelView, ChannelView]  # views of both sides, with measurement and model
 
     @property
-    def channel(self) -> str:
-        """Name of the channel."""
-        return self.sides.channel
-
-    @property
     def words(self) -> tuple[str, ...]:
         """Result in sentences."""
         return tuple(_words(self.sides))
@@ -89,11 +84,6 @@ class PairView:
     names: tuple[str, str]
     channels: tuple[ChannelPairView, ...]
     commands: tuple[str, ...] = ()
-
-    @property
-    def title(self) -> str:
-        """Both names."""
-        return f"{self.names[0]} and {self.names[1]}"
 
 
 def _words(sides: PairedComparison) -> Iterator[str]:
@@ -181,7 +171,7 @@ def print_pair(console: Console, view: PairView) -> None:
         console.print(f"[bold]{letter}[/bold]  {safe(name)}", soft_wrap=True)
     for channel in view.channels:
         models = " and ".join(dict.fromkeys(side.model for side in channel.pair))
-        console.print(f"\n[bold]{safe(channel.channel)}[/bold]: {safe(models)}")
+        console.print(f"\n[bold]{safe(channel.sides.channel)}[/bold]: {safe(models)}")
         for sentence in channel.words:
             console.print(Padding(Text(safe_text(sentence)), (0, 0, 0, 2)))
         columns = [safe(name) for name in channel.fit_columns]

@@ -100,7 +100,7 @@ def document(pair: PairView) -> str:
     filters: dict[str, Callable[..., Any]] = {"value": value, "difference": difference_text}
     models = dict.fromkeys(side.model for channel in pair.channels for side in channel.pair)
     facts = dict(zip(LETTERS, pair.names, strict=True)) | {"models": ", ".join(models)}
-    return rendered(_TEMPLATE, filters, title=pair.title, facts=facts, pair=pair, plots=plots)
+    return rendered(_TEMPLATE, filters, title=" and ".join(pair.names), facts=facts, pair=pair, plots=plots)
 
 
 def record_pair(view: PairView, path: Path) -> None:
@@ -117,20 +117,21 @@ def record_pair(view: PairView, path: Path) -> None:
     """
     tabs, corner = [], rrb.Corner2D.LeftTop
     for paired in view.channels:
-        axes = paired.views[0].axes
+        axes, place = paired.views[0].axes, paired.sides.channel
         titles = {name: getattr(axes, name) for name in ("effort", "residual", "position")}
-        plots = [plot(f"{paired.channel}/{name}", title, legend=corner) for name, title in titles.items()]
-        tabs.append(rrb.Vertical(*plots, row_shares=[3, 2, 1], name=paired.channel))
-    with recording_file(view.title, path, shown_on(*tabs, timeline=TIME)) as recording:
+        plots = [plot(f"{place}/{name}", title, legend=corner) for name, title in titles.items()]
+        tabs.append(rrb.Vertical(*plots, row_shares=[3, 2, 1], name=place))
+    with recording_file(" and ".join(view.names), path, shown_on(*tabs, timeline=TIME)) as recording:
         for paired in view.channels:
+            place = paired.sides.channel
             for letter, color, channel in zip(LETTERS, COLORS, paired.views, strict=True):
                 overlay = paired.sides.overlay if letter == LETTERS[1] else None
                 time_s = channel.time_s if overlay is None else paired.views[0].time_s
                 effort = channel.effort if overlay is None else overlay
                 measured = {f"{letter} measured": (effort, color, 2.0)}
-                send_lines(recording, f"{paired.channel}/effort/{letter}", time_s, measured)
+                send_lines(recording, f"{place}/effort/{letter}", time_s, measured)
                 for stage in channel.stages[-1:]:
                     left = {f"residual of {letter}'s model": (stage.residual, color, 1.0)}
-                    send_lines(recording, f"{paired.channel}/residual/{letter}", channel.time_s, left)
+                    send_lines(recording, f"{place}/residual/{letter}", channel.time_s, left)
                 motion = {f"{letter}": (channel.position, color, 1.2)}
-                send_lines(recording, f"{paired.channel}/position/{letter}", channel.time_s, motion)
+                send_lines(recording, f"{place}/position/{letter}", channel.time_s, motion)

@@ -18,7 +18,6 @@ from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
 from palpate.common.console import format_p_value
-from palpate.common.files import write_text
 from palpate.estimation.estimate import rounded, with_unit
 from palpate.estimation.signals.blocks import blocks
 from palpate.render import palette
@@ -349,17 +348,6 @@ def _small(values: FloatArray) -> np.ndarray:
 _TEMPLATE = Path(__file__).parent / "report.html"
 _BUDGET_WIDTH = 940  # [px]
 _GREEK = {"tau": "τ", "mu": "μ", "pi": "π", "alpha": "α", "beta": "β", "omega": "ω"}
-
-
-def write_report(view: StudyView, path: Path) -> Path:
-    """Write the report, completely or not at all; raise `InputError` if it cannot be written.
-
-    Args:
-        view: all channels.
-        path: path of the .html file.
-    """
-    write_text(path, document(view))
-    return path
 
 
 def document(view: StudyView) -> str:

@@ -30,7 +30,7 @@ from starlette.websockets import WebSocketClose
 from palpate.render.notebook import PageAddress
 from palpate.robot_io.errors import InputError
 from palpate.workbench.elements import Plot
-from palpate.workbench.startup import CLOSED, HEADERS, LOOPBACK, STYLE, AppState, early_server
+from palpate.workbench.startup import CLOSED, HEADERS, LOOPBACK, STYLE, AppState, EarlyServer
 from palpate.workbench.state import WorkbenchState
 
 if TYPE_CHECKING:
@@ -179,7 +179,7 @@ def open_page(study: "Study", port: int = 0, *, browser: bool = True) -> PageAdd
     """
     if _pages:
         raise InputError(f"workbench(): a page is already open at {_pages[0]}; one at a time")
-    early = early_server(port)
+    early = EarlyServer(port)
     address = PageAddress(f"http://{LOOPBACK}:{early.port}")
     home = AppState(Path(), state=WorkbenchState(study))
     home.open = lambda path, options: WorkbenchState(type(study)(path, **options.stated()))

@@ -106,19 +106,23 @@ class EarlyServer(ThreadingTCPServer):
     """Server on an open port of this machine that answers its first visitor.
 
     Args:
-        host: address to listen on.
-        port: port; 0 for any free port.
+        port: port on this machine; 0 for any free port.
 
     Raises:
-        OSError: the port is in use.
+        InputError: the port is in use, or there is none of this number.
     """
 
     allow_reuse_address = daemon_threads = True
     request_queue_size = 128  # visitors wait in the socket's queue until the page's server starts
     page = b""
 
-    def __init__(self, host: str, port: int) -> None:
-        super().__init__((host, port), _Reply)
+    def __init__(self, port: int) -> None:
+        try:
+            super().__init__((LOOPBACK, port), _Reply)
+        except (OSError, OverflowError) as error:
+            reason = getattr(error, "strerror", "") or error
+            message = f"--port {port}: {reason}; choose another port, or 0 for any free one"
+            raise InputError(message) from error
         self.port = int(self.server_address[1])
         self._answers = False
 
@@ -224,20 +228,3 @@ def _panel(title: str, time_s: FloatArray, curves: Sequence[tuple[FloatArray, st
     low, high = min(y.min() for y, _ in shown), max(y.max() for y, _ in shown)
     caption = f"{title} from {low:.3g} to {high:.3g}, over {np.ptp(time_s[rows]):.1f} s, as measured"
     return f"<h2>{caption}</h2>{thumbnail_svg(time_s[rows], shown, 1000, 200)}"
-
-
-def early_server(port: int) -> EarlyServer:
-    """Open the page's port.
-
-    Args:
-        port: port on this machine; 0 for any free port.
-
-    Raises:
-        InputError: the port is in use, or there is none of this number.
-    """
-    try:
-        return EarlyServer(LOOPBACK, port)
-    except (OSError, OverflowError) as error:
-        reason = getattr(error, "strerror", "") or error
-        message = f"--port {port}: {reason}; choose another port, or 0 for any free one"
-        raise InputError(message) from error

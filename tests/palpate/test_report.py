@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from palpate.common.files import write_text
 from palpate.estimation.diagnosis.candidates import effect_library
 from palpate.estimation.effects.gravity_load import KnownRigidBody
 from palpate.estimation.estimate import ParameterEstimate
 from palpate.estimation.model import Model
 from palpate.render import palette, report
 from palpate.render.build import equation_of, result_view, write_outcome
-from palpate.render.report import bold, document, typeset, write_report
+from palpate.render.report import bold, document, typeset
 from palpate.render.view import StudyView
 from palpate.robot_io.errors import InputError
 from palpate.study import Study
@@ -154,7 +155,7 @@ def browse(page, folder, *arguments):
 def test_unwritable_folder_stays_empty(result, tmp_path):
     (tmp_path / "report.html").mkdir()
     with pytest.raises(InputError, match=r"report\.html"):
-        write_report(StudyView("f", (result_view(result),)), tmp_path / "report.html")
+        write_text(tmp_path / "report.html", document(StudyView("f", (result_view(result),))))
     assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
 
 

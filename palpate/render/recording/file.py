@@ -124,18 +124,6 @@ _SETTLE_S = 2.0  # curves and meshes load gradually
 _TOAST_S = 7.0  # the viewer first shows a notification in its upper right corner
 
 
-def open_window(recording: Path) -> None:
-    """Show a recording in a window that outlives this program.
-
-    Args:
-        recording: .rrd file.
-
-    Raises:
-        PalpateError: the viewer's program cannot be started.
-    """
-    _start("--port", "auto", str(recording.absolute()), detached=True)
-
-
 def capture_screenshot(
     recording: Path, picture: Path, time_s: float, size: tuple[int, int], *, revision: int | None = None
 ) -> None:
@@ -189,7 +177,9 @@ def _headless_viewer(size: tuple[int, int]) -> Iterator[experimental.ViewerClien
         probe.bind((_HOST, 0))
         port = probe.getsockname()[1]
     window = f"{size[0]}x{size[1]}"
-    process = _start("--headless", "--hide-welcome-screen", "--port", str(port), "--window-size", window)
+    process = start_viewer(
+        "--headless", "--hide-welcome-screen", "--port", str(port), "--window-size", window
+    )
     clients: list[experimental.ViewerClient] = []
 
     def connected() -> bool:
@@ -223,7 +213,16 @@ def _wait_for(is_done: Callable[[], bool], failure: str) -> None:
         time.sleep(_POLL_S)
 
 
-def _start(*arguments: str, detached: bool = False) -> subprocess.Popen[bytes]:
+def start_viewer(*arguments: str, detached: bool = False) -> subprocess.Popen[bytes]:
+    """Start Rerun's viewer.
+
+    Args:
+        arguments: its options, and recordings to show.
+        detached: whether it outlives this program.
+
+    Raises:
+        PalpateError: its program cannot be started.
+    """
     program = Path(rerun_cli.__file__).parent / "rerun"
     environment = os.environ | {"RERUN_APP_ONLY": "true"}  # no questions at the start
     try:

@@ -18,7 +18,7 @@ from nicegui.page import page
 from palpate.robot_io.errors import InputError
 from palpate.workbench import layout
 from palpate.workbench.layout import _ask_permission
-from palpate.workbench.startup import EarlyServer, early_server
+from palpate.workbench.startup import EarlyServer
 
 
 def answered(capsys, typed, *, yes=True):
@@ -66,7 +66,7 @@ def test_declining_with_the_number_grants_nothing(capsys):
 
 @pytest.fixture
 def early():
-    with EarlyServer("127.0.0.1", 0) as made:
+    with EarlyServer(0) as made:
         made.answer_with("<b>raw curves</b>")
         yield made
         made.shutdown()
@@ -106,7 +106,7 @@ def test_reconnecting_page_leaves_the_answer_to_the_visitor(early):
 
 
 def test_pending_requests_wait_for_the_server():
-    with EarlyServer("127.0.0.1", 0) as silent:
+    with EarlyServer(0) as silent:
         waiting = [create_connection(("127.0.0.1", silent.port), timeout=5) for _ in range(50)]
         taken = silent.release_socket()
         for one in waiting:
@@ -126,7 +126,7 @@ def test_first_answer_runs_only_its_own_script_and_is_framed_by_none(early):
 @pytest.mark.parametrize("port", [-5, 99_999_999])
 def test_invalid_port_is_refused(port):
     with pytest.raises(InputError, match=f"--port {port}: .*choose another port"):
-        early_server(port)
+        EarlyServer(port)
 
 
 @pytest.mark.parametrize(
