@@ -431,9 +431,9 @@ class Study(ModelStudy):
         session = self.source.session
         if session is None or channel.kind is not ChannelKind.CONTACT:
             return {}
-        from palpate.runs.hidden_effects import true_parameters  # noqa: PLC0415, with the simulator
+        from palpate.runs.hidden_effects import scenario_of, truth_of  # noqa: PLC0415, with the simulator
 
-        return true_parameters(session)
+        return truth_of(scenario_of(session))
 
     def _plan_probe(
         self, diagnosed: Sequence[ChannelDiagnosis], longest_s: float, progress: Progress

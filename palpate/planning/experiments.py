@@ -58,13 +58,8 @@ def candidates(before: ProbingPlan, robot_file: RobotFile, place_world_m: FloatA
         robot_file: robot file whose guard limits the force.
         place_world_m: touched point of the surface, shape (3,) [m].
     """
-    plans = []
-    for words, settings in _experiments(before, robot_file, place_world_m):
-        try:
-            plans.append(CandidatePlan(words, settings, _plan(before, settings)))
-        except InputError:  # for example, an approach that is too short for the speed
-            continue
-    return plans
+    every = _experiments(before, robot_file, place_world_m)
+    return [plan for words, settings in every if (plan := _candidate(before, words, settings)) is not None]
 
 
 def combine_plans(first: CandidatePlan, second: CandidatePlan, before: ProbingPlan) -> CandidatePlan | None:
@@ -81,15 +76,16 @@ def combine_plans(first: CandidatePlan, second: CandidatePlan, before: ProbingPl
     speeds = {*first.settings.get("speeds_m_s", ()), *second.settings.get("speeds_m_s", ())}
     hold_s = max(plan.settings.get("hold_s", 0.0) for plan in (first, second)) or before.hold_s
     settings = {**wants, **others, "hold_s": hold_s, "speeds_m_s": sorted(speeds, reverse=True)[:3]}
-    words = f"{first.words}, and {second.words}"
+    return _candidate(before, f"{first.words}, and {second.words}", settings)
+
+
+def _candidate(before: ProbingPlan, words: str, settings: Settings) -> CandidatePlan | None:
+    """Return an experiment; None if its plan is not valid, as an approach that is too short for the speed."""
     try:
-        return CandidatePlan(words, settings, _plan(before, settings))
+        plan = validate(ProbingPlan, before.model_dump() | {"repeats": 1, "excitation": None} | settings)
     except InputError:
         return None
-
-
-def _plan(before: ProbingPlan, settings: Settings) -> ProbingPlan:
-    return validate(ProbingPlan, before.model_dump() | {"repeats": 1, "excitation": None} | settings)
+    return CandidatePlan(words, settings, plan)
 
 
 def _experiments(

@@ -23,7 +23,7 @@ from palpate.estimation.fit.measurement_noise import MeasurementNoise
 from palpate.estimation.model import Model
 from palpate.estimation.signals.blocks import block_index, blocks, since_start
 from palpate.estimation.study import ChannelResult, ModelStudy
-from palpate.estimation.study.comparison import EXPLAINS_LITTLE, MAY_BE_NOISE, ROUNDING, ErrorPart
+from palpate.estimation.study.comparison import EXPLAINS_LITTLE, MAY_BE_NOISE, ROUNDING, Comparison
 from palpate.render.diagnosis import (
     budget_view,
     describe_error_decrease,
@@ -53,12 +53,9 @@ def channel_view(
     stages: Sequence[StageView],
     noise: MeasurementNoise | None,
     *,
-    parts: Mapping[str, Sequence[ErrorPart]] | None = None,
-    words: Sequence[str] = (),
-    complete: bool | None = False,
+    compared: Comparison | None = None,
     diagnosis: ChannelDiagnosis | None = None,
     scored: BoolArray | None = None,
-    exclusion_note: str = "",
     notes: Sequence[str] = (),
 ) -> ChannelView:
     """Collect what is known about one channel.
@@ -67,12 +64,9 @@ def channel_view(
         data: the measurement, n samples.
         stages: stages of its model, the base model first; empty if the data cannot be judged.
         noise: error of a complete model; None if unknown.
-        parts: the last stage's error, split by phase, run, speed and so on.
-        words: sentences on where the last stage fails.
-        complete: whether no missing effect shows in the error of the last stage; None if none could show.
+        compared: comparison of the last stage with the measurement; None if there is none.
         diagnosis: diagnosis of the channel; None if there is none.
         scored: samples whose error counts (n,); by default those where the last stage has a residual.
-        exclusion_note: sentence on the excluded samples; by default it states their share.
         notes: further sentences.
     """
     scale = 1.0 if data.kind.is_angle else _TO_MILLI
@@ -110,10 +104,11 @@ def channel_view(
         noise_is_bound=noise is not None and noise.is_bound,
         noise_text=noise.describe(data.kind.effort_unit) if noise else "",
         verdict=VerdictView("", ""),
-        parts=parts or {},
+        parts=compared.parts if compared is not None else {},
     )
-    verdict = _verdict(view, words, diagnosis, complete=complete)
+    verdict = _verdict(view, compared, diagnosis)
     share = 100.0 * (1.0 - float(np.mean(scored))) if len(scored) else 0.0
+    exclusion_note = compared.exclusion_note if compared is not None else ""
     if not exclusion_note and share >= 0.05:
         exclusion_note = f"{share:.2g} % of the samples are excluded from scoring; the report shades them."
     verdict = replace(verdict, remarks=(*verdict.remarks, *notes, *filter(None, [exclusion_note])))
@@ -197,7 +192,7 @@ def equation_of(model: Model) -> str:
 
 
 def _verdict(
-    view: ChannelView, words: Sequence[str], diagnosis: ChannelDiagnosis | None, *, complete: bool | None
+    view: ChannelView, compared: Comparison | None, diagnosis: ChannelDiagnosis | None
 ) -> VerdictView:
     """Make the view of the diagnosis or of the last stage's comparison, including later added effects."""
     if diagnosis is None and not view.stages:
@@ -211,6 +206,8 @@ def _verdict(
     wrong = unphysical_remarks(view.stages[-1].unphysical) if view.stages else ()
     if diagnosis is None:
         model, times = " ".join(labels), view.times_noise(errors[-1])
+        # whether no missing effect shows in the error; None if none could show
+        complete = compared is not None and (None if compared.may_be_noise else compared.is_complete)
         fits = complete is not False and not wrong  # a model with impossible parameters never fits
         verb, at_least = "may fit" if complete is None else "fits", "at least " * view.noise_is_bound
         far = "" if times < NOISE else f"; the error is {at_least}{times:.1f} times the noise"
@@ -222,7 +219,8 @@ def _verdict(
             f"{model} {verb if fits else 'does not fit'} {view.name}: {with_unit(errors[-1], unit)} in "
             f"held-out runs, noise {view.noise_text}{far}."
         )
-        remarks = (*wrong, *fall, *(() if fits else words))
+        words = compared.words[1:] if compared is not None and not fits else ()
+        remarks = (*wrong, *fall, *words)
         word = ("" if complete is None else "fits") if fits else "misses"
         return VerdictView(word, text, remarks, (view.name, model))
     verdict = diagnosis_verdict(diagnosis)
@@ -266,7 +264,7 @@ def result_view(result: ChannelResult, *, with_parameters: bool = True) -> Chann
         result: fits, comparison and diagnosis of the channel.
         with_parameters: whether to compute the parameters of each stage; their intervals take long.
     """
-    compared, diagnosis = result.shown, result.diagnosis
+    diagnosis = result.diagnosis
     is_said = diagnosis is not None and diagnosis.reason in result.reason
     stages, name = list[StageView](), ""
     for stage in result.stages:
@@ -291,11 +289,8 @@ def result_view(result: ChannelResult, *, with_parameters: bool = True) -> Chann
         result.channel.data,
         stages,
         result.noise,
-        parts=compared.parts if compared is not None else None,
-        words=compared.words[1:] if compared is not None else (),
-        complete=compared is not None and (None if compared.may_be_noise else compared.is_complete),
+        compared=result.shown,
         diagnosis=diagnosis,
-        exclusion_note=compared.exclusion_note if compared is not None else "",
         notes=(result.reason,) if result.reason and not is_said else (),
     )
 

@@ -277,16 +277,14 @@ def as_data(estimates: ChannelEstimates, truth: Truth) -> dict[str, Any]:
         outcomes.append(
             {
                 "estimator": estimate.estimator,
-                "surface": vars(surface) if surface is not None else None,
+                "surface": surface,
                 "parameters": parameters,
-                "rmse": estimate.rmse,
-                "rmse_inliers": estimate.rmse_inliers,
-                "condition_number": estimate.condition_number,
+                **{key: getattr(estimate, key) for key in ("rmse", "rmse_inliers", "condition_number")},
                 "inliers": int(np.count_nonzero(estimate.inliers)),
-                "identifiability": str(estimate.identifiability),
-                "unphysical": list(estimate.unphysical),
-                "note": estimate.note,
-                "details": estimate.details,
+                **{
+                    key: getattr(estimate, key)
+                    for key in ("identifiability", "unphysical", "note", "details")
+                },
             }
         )
     tares = None

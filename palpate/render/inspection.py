@@ -28,7 +28,7 @@ from palpate.render.view import ChannelView, StudyView, VerdictView
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.atomic_write import replace_undecodable
 from palpate.robot_io.session import Session
-from palpate.runs.hidden_effects import SURFACE, true_parameters
+from palpate.runs.hidden_effects import SURFACE, scenario_of, truth_of
 
 RECORDING = "recording.rrd"  # default name in a session's folder
 PLOTS = "plots.html"  # what `Inspection.plot` writes
@@ -94,7 +94,7 @@ def inspect_session(session: Session, estimates: ChannelEstimates | None = None)
         with suppress(InputError):  # too few contact samples for an estimate
             untared = [channel for channel in session_channels(session) if channel.name == contact.name]
             estimates = ModelStudy(untared, CONTACT_MODEL).estimate(PREFERRED, contact.name)[0]
-    truth = true_parameters(session)
+    truth = truth_of(scenario_of(session))
     ticks: Columns | None = None  # of an arm's session, with two dimensions for vectors of a single joint too
     if STREAM_NAME in session.stream_names and len(session.samples(STREAM_NAME)) >= 2:
         samples = checked_ticks(session)

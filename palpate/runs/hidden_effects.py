@@ -100,24 +100,16 @@ def scenario_of(session: Session) -> Scenario | None:
     return Scenario.load(parse_yaml(text, f"{session.path}, its scenario")) if text else None
 
 
-def true_parameters(session: Session) -> dict[str, float]:
-    """Return a session's true values by "effect.parameter"; empty if it was not simulated.
+def truth_of(scenario: Scenario | None) -> dict[str, float]:
+    """Return a simulated world's true values by "effect.parameter"; empty without a world.
 
     `SURFACE` is the surface's coordinate along the press direction (downwards) [m].
 
     Args:
-        session: the session.
-    """
-    scenario = scenario_of(session)
-    return {} if scenario is None else truth_of(scenario)
-
-
-def truth_of(scenario: Scenario) -> dict[str, float]:
-    """Return a simulated world's true values by "effect.parameter".
-
-    Args:
         scenario: the world; those of its object are returned, with the position of its surface.
     """
+    if scenario is None:
+        return {}
     surface = {SURFACE: -scenario.object.surface_height_m}
     match scenario.object.law:
         case KelvinVoigtLaw() | EngineContact() as law:

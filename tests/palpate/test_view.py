@@ -241,7 +241,8 @@ def test_residual_map_averages_scored_samples_in_a_cell(contact):
 def test_excluded_samples_are_reported(contact):
     view = channel_view(contact, (), None, scored=np.arange(len(contact)) % 4 > 0)
     assert view.verdict.remarks == ("25 % of the samples are excluded from scoring; the report shades them.",)
-    told = channel_view(contact, (), None, scored=view.scored, exclusion_note="1 in 4 is not judged.")
+    compared = SimpleNamespace(parts={}, exclusion_note="1 in 4 is not judged.")
+    told = channel_view(contact, (), None, scored=view.scored, compared=compared)
     assert told.verdict.remarks == ("1 in 4 is not judged.",)
 
 

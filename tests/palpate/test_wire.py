@@ -11,7 +11,7 @@ from palpate.estimation.study.estimates import estimate_with
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.robot_file import parse_robot_file
 from palpate.robot_io.session import Session
-from palpate.runs.hidden_effects import open_answer, true_parameters
+from palpate.runs.hidden_effects import open_answer, scenario_of, truth_of
 from palpate.runs.robots import EMULATED, is_simulated
 from palpate.sim_backend.hidden import sealed_path
 from tests.files import saved
@@ -48,7 +48,7 @@ def test_emulated_session_matches_the_truth(tmp_path, name):
     assert "/dev/" in session.metadata.robot_file  # the arm's own file, not the emulators' ports
     assert parse_robot_file(session.metadata.robot_file, "session").name == name
     assert f"source     {EMULATED}" in run("info", path).stdout
-    truth = true_parameters(session)
+    truth = truth_of(scenario_of(session))
     for estimate in estimates_of(path):
         found = {parameter.name: parameter.value for parameter in estimate.parameters}
         for key, share in zip(("stiffness.k", "damping.c"), SHARES[name], strict=True):
