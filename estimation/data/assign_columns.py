@@ -21,6 +21,7 @@ from palpate.estimation.data.column_names import (
     COUNTERS,
     DISPLACEMENT,
     FORCE,
+    NO_JOINT,
     PHASE,
     POSITION,
     QUANTITIES,
@@ -28,10 +29,8 @@ from palpate.estimation.data.column_names import (
     TIME,
     Key,
     Role,
-    RoleGuess,
     channel_pairs,
-    guess_columns,
-    is_absolute,
+    numbered,
     parse_role,
     role_of_option,
     si_unit,
@@ -58,6 +57,7 @@ from palpate.robot_io.types import FloatArray
 # A counter that rises evenly; it may restart or skip rows.
 _UNEVEN, _EVEN_SHARE = 0.5, 0.9  # largest deviation relative to the usual step, and least share of such steps
 _MOTIONS = frozenset({"displacement", "position", "velocity"})
+_ABSOLUTE = frozenset(["abs", "absolute", "absolut", "betrag", "magnitude"])  # in names of absolute values
 
 
 @dataclass(frozen=True)
@@ -108,14 +108,6 @@ class ColumnAssignment:
         """
         return self.assigned[key].column
 
-    def role(self, key: Key) -> Role:
-        """Return a quantity as a role without a unit, whose name in options has the joint number of the file.
-
-        Args:
-            key: key of any quantity.
-        """
-        return Role(*key, "", self.shift)
-
     @property
     def used(self) -> frozenset[str | None]:
         """Names of the columns with a quantity, a run or a phase."""
@@ -126,15 +118,6 @@ class ColumnAssignment:
         """Names of the numeric columns that are not used and not constant."""
         used = self.used
         return tuple(name for name in self.table.names if name not in used and self.table.varies(name))
-
-    @cached_property
-    def unused_velocities(self) -> tuple[RoleGuess, ...]:
-        """Unused complete columns that hold a velocity according to their names and units."""
-        unused, table = set(self.unused), self.table
-        has_rates = any((dimension_of(unit_in_name(name)) or "").endswith("_rate") for name in unused)
-        guesses = guess_columns(table.names) if has_rates else ()
-        named = (g for g in guesses if g.quantity == "velocity" and g.unit and g.column in unused)
-        return tuple(g for g in named if len(invalid_rows(table.numbers(g.column))) == 0)
 
     @cached_property
     def run_candidate(self) -> str:
@@ -169,7 +152,7 @@ class ColumnAssignment:
     def roles(self) -> dict[str, str]:
         """Quantity and unit of each column in use, by the column's name."""
         roles = {
-            source.column: f"{self.role(key).numbered} in {source.unit.replace('_', '/')}"
+            source.column: f"{numbered(key)} in {source.unit.replace('_', '/')}"
             for key, source in self.assigned.items()
         }
         return roles | {name: what for name, what in ((self.run, RUN), (self.phase, PHASE)) if name}
@@ -180,7 +163,7 @@ class ColumnAssignment:
         if all(_own_name(source.column) for source in self.assigned.values()):
             return ""
         words = [
-            f"{self.role(key).numbered} '{source.column}'"
+            f"{numbered(key)} '{source.column}'"
             + ("" if unit_in_name(source.column) == source.unit else f" in {source.unit.replace('_', '/')}")
             for key, source in self.assigned.items()
         ]
@@ -210,19 +193,22 @@ def assign_columns(table: Table, options: ImportOptions) -> ColumnAssignment:
         InputError: a column is missing or ambiguous, or a unit is unknown or does not fit.
     """
     shift = joint_shift(table, options.columns)
-    chosen, notes = _assign_own_names(table, options, _assign_by_options(table, options, shift), shift)
+    chosen, notes = _assign_own_names(table, options, _assign_by_options(table, options))
     if any(quantity in EFFORTS for quantity, _ in chosen):  # a goal is used only if there is no effort
         chosen = {
-            key: (role, name)
-            for key, (role, name) in chosen.items()
-            if role.quantity != "goal" or name in options.columns.values()
+            key: role
+            for key, role in chosen.items()
+            if role.quantity != "goal" or role.column in options.columns.values()
         }
-    reserved = {*options.columns.values(), *options.context, *(column for _, column in chosen.values())}
+    reserved = {*options.columns.values(), *options.context, *(role.column for role in chosen.values())}
     chosen |= choose_columns(ColumnUnits(table, options), chosen, reserved, shift)
     if TIME not in chosen and TIME[0] in options.units and not {TIME[0], _ROW_NUMBER} & set(table.names):
-        numbered = table.columns.append_column(_ROW_NUMBER, pa.array(np.arange(len(table), dtype=np.float64)))
-        table, chosen[TIME] = replace(table, columns=numbered), (Role(*TIME, ""), _ROW_NUMBER)
-    for role, column in chosen.values():
+        with_number = table.columns.append_column(
+            _ROW_NUMBER, pa.array(np.arange(len(table), dtype=np.float64))
+        )
+        table, chosen[TIME] = replace(table, columns=with_number), Role(_ROW_NUMBER, *TIME)
+    for role in chosen.values():
+        column = role.column
         repeated_name, cells = f"{column} (2)", table.columns
         is_chosen = column in options.columns.values() or repeated_name not in table.names
         if not is_chosen and not cells.column(column).equals(cells.column(repeated_name)):
@@ -232,9 +218,9 @@ def assign_columns(table: Table, options: ImportOptions) -> ColumnAssignment:
                 f"{role.numbered}={shlex.quote(repeated_name)}, or rename one"
             )
     run = _run_column(table, options)
-    efforts = [column for (quantity, _), (_, column) in chosen.items() if quantity in EFFORTS]
-    motions = [column for key, (_, column) in chosen.items() if key != TIME and column not in efforts]
-    time = chosen[TIME][1] if TIME in chosen else None
+    efforts = [role.column for role in chosen.values() if role.quantity in EFFORTS]
+    motions = [r.column for key, r in chosen.items() if key != TIME and r.column not in efforts]
+    time = chosen[TIME].column if TIME in chosen else None
     table, rate_notes = _with_one_rate(table, time, efforts, motions, run)
     notes += rate_notes
     chosen, position_notes = _press_or_axis(ColumnUnits(table, options), chosen)
@@ -242,10 +228,10 @@ def assign_columns(table: Table, options: ImportOptions) -> ColumnAssignment:
     table, chosen, sensor_notes = _subtract_deflection(table, chosen, options)
     notes += [*sensor_notes, *_note_other_columns(original, chosen, options)]
     units = ColumnUnits(table, options)
-    chosen = dict(sorted(chosen.items(), key=lambda item: table.names.index(item[1][1])))
+    chosen = dict(sorted(chosen.items(), key=lambda item: table.names.index(item[1].column)))
     units.check_force_of_angle(chosen)
     units.check_known(chosen)
-    assigned = {key: units.assign(role, name) for key, (role, name) in chosen.items()}
+    assigned = {key: units.assign(role) for key, role in chosen.items()}
     units.check_used(chosen)
     assigned, two_sided, sign_notes = _orient_signs(units, assigned)
     phase = options.columns.get(PHASE, PHASE if PHASE in table.names else None)
@@ -272,32 +258,32 @@ def propose_columns(table: Table) -> dict[str, tuple[str, str]]:
     """
     options = ImportOptions()
     units, shift = ColumnUnits(table, options), joint_shift(table, {})
-    chosen, _ = _assign_own_names(table, options, {}, shift)
-    chosen |= choose_columns(units, chosen, [column for _, column in chosen.values()], shift, ask=False)
+    chosen, _ = _assign_own_names(table, options, {})
+    chosen |= choose_columns(units, chosen, [role.column for role in chosen.values()], shift, ask=False)
     if not channel_pairs(chosen):
         return {}
     with suppress(InputError):  # whether a position belongs to a press or to an axis is left to the user
         chosen, _ = _press_or_axis(units, chosen)
-    proposed = {column: (role.numbered, units.unit_of(role, column)) for role, column in chosen.values()}
+    proposed = {role.column: (role.numbered, units.unit_of(role)) for role in chosen.values()}
     run = _run_column(table, options)
     return proposed | ({run: (RUN, "")} if run else {})
 
 
-def _assign_by_options(table: Table, options: ImportOptions, shift: int) -> Chosen:
+def _assign_by_options(table: Table, options: ImportOptions) -> Chosen:
     """Assign the columns that the user names."""
     chosen: Chosen = {}
     for name, column in options.columns.items():
         if column not in table.names:
             raise InputError(f"--column {name}={column}: {table.path} has only {table.listed_names}")
         if name not in (RUN, PHASE):
-            role = role_of_option(name, shift)
+            role = role_of_option(name)
             if role is None:
                 valid = ", ".join([*QUANTITIES, RUN, PHASE])
                 raise InputError(
                     f"--column: '{name}' is not a quantity, or its unit is unknown. Quantities: {valid}, "
                     "also with a unit, such as force_N"
                 )
-            chosen[role.key] = (role, column)
+            chosen[role.key] = replace(role, column=column)
     return chosen
 
 
@@ -305,7 +291,7 @@ def _run_column(table: Table, options: ImportOptions) -> str | None:
     """Return the column of runs: as named, or one such as `trial` whose values form blocks of rows."""
     if RUN in options.columns or RUN in table.names:
         return options.columns.get(RUN, RUN)
-    names = (guess.column for guess in guess_columns(table.names) if guess.quantity == RUN)
+    names = (guess.column for guess in table.guesses if guess.quantity == RUN)
     for name in names:
         texts, index = table.labels(name)
         is_numeric = table.numeric_share(name) == 1.0
@@ -315,15 +301,14 @@ def _run_column(table: Table, options: ImportOptions) -> str | None:
     return None
 
 
-def _assign_own_names(
-    table: Table, options: ImportOptions, chosen: Chosen, shift: int
-) -> tuple[Chosen, list[str]]:
+def _assign_own_names(table: Table, options: ImportOptions, chosen: Chosen) -> tuple[Chosen, list[str]]:
     """Add columns whose names state quantity and unit, such as force_N, and note duplicates."""
     notes = []
     for name in table.names:
-        role = parse_role(name, shift)
+        role = parse_role(name)
         if role and role.unit and name not in options.columns.values():
-            earlier_role, earlier = chosen.setdefault(role.key, (role, name))
+            earlier_role = chosen.setdefault(role.key, role)
+            earlier = earlier_role.column
             if earlier == name or earlier in options.columns.values():
                 continue
             if not have_equal_values(table, role.key, (earlier, earlier_role.unit), (name, role.unit)):
@@ -337,13 +322,13 @@ def _assign_own_names(
 
 def _press_or_axis(units: ColumnUnits, chosen: Chosen) -> tuple[Chosen, list[str]]:
     """Read a position as a displacement if it belongs to a press, not to a linear axis, with a note."""
-    if DISPLACEMENT in chosen or not {POSITION, FORCE} <= set(chosen) or ("torque", 0) in chosen:
+    if DISPLACEMENT in chosen or not {POSITION, FORCE} <= set(chosen) or ("torque", NO_JOINT) in chosen:
         return chosen, []
-    table, (role, column) = units.table, chosen[POSITION]
-    unit, is_named = units.unit_of(role, column), column in units.options.columns.values()
+    table, role, column = units.table, chosen[POSITION], chosen[POSITION].column
+    unit, is_named = units.unit_of(role), column in units.options.columns.values()
     if is_named or dimension_of(scaled_unit(unit, "")[1]) != "length":
         return chosen, []
-    quoted, force = shlex.quote(column), chosen[FORCE][1]
+    quoted, force = shlex.quote(column), chosen[FORCE].column
     as_axis = [
         f"'{column}' is read as the position of a linear axis; if it is the displacement of a press, add "
         f"--column displacement={quoted}"
@@ -352,8 +337,8 @@ def _press_or_axis(units: ColumnUnits, chosen: Chosen) -> tuple[Chosen, list[str
     if _own_name(column):  # as in files that palpate writes
         return chosen, as_axis if pressed else []
     if pressed:
-        others = {key: choice for key, choice in chosen.items() if key != POSITION}
-        return others | {DISPLACEMENT: (Role(*DISPLACEMENT, role.unit or unit), column)}, [
+        others = {key: other for key, other in chosen.items() if key != POSITION}
+        return others | {DISPLACEMENT: Role(column, *DISPLACEMENT, role.unit or unit)}, [
             f"'{column}' and '{force}' change together, as in a press; if '{column}' is the position of a "
             f"linear axis, add --column position={quoted}"
         ]
@@ -375,7 +360,7 @@ def _subtract_deflection(
     """
     if not {DISPLACEMENT, FORCE} <= set(chosen):
         return table, chosen, []
-    column, force = chosen[DISPLACEMENT][1], chosen[FORCE][1]
+    column, force = chosen[DISPLACEMENT].column, chosen[FORCE].column
     way, effort = table.numbers(column), table.numbers(force)
     if abs(correlation_coefficient(way, effort)) < 1.0 - _MAX_ROUNDING:
         return table, chosen, []
@@ -385,7 +370,7 @@ def _subtract_deflection(
     if rounding > _MAX_ROUNDING * np.ptp(effort) or np.abs(effort - np.polyval(line, way)).max() > rounding:
         return table, chosen, []
     fact, is_named = f"'{column}' is proportional to '{force}'", column in options.columns.values()
-    guesses = [g for g in guess_columns(table.names) if g.key == DISPLACEMENT and g.column != column]
+    guesses = [g for g in table.guesses if g.key == DISPLACEMENT and g.column != column]
     bases = [g.column for g in guesses if dimension_of(g.unit) == "length" and table.varies(g.column)]
     unit = unit_in_name(column)
     if is_named or len(bases) != 1 or dimension_of(unit) != "length" or "deflection" not in column.lower():
@@ -403,29 +388,30 @@ def _subtract_deflection(
         f"minus '{column}'; --column displacement={shlex.quote(column)} reads that column alone"
     )
     table = replace(table, columns=table.columns.append_column(name, pa.array(base - scale * way)))
-    return table, chosen | {DISPLACEMENT: (Role(*DISPLACEMENT, base_unit), name)}, [note]
+    return table, chosen | {DISPLACEMENT: Role(name, *DISPLACEMENT, base_unit)}, [note]
 
 
 def _note_preamble(units: ColumnUnits, chosen: Chosen, assigned: dict[Key, AssignedColumn]) -> Iterator[str]:
     """Yield a note for each quantity to which a line above the header gives another unit than its column."""
-    for key, (role, column) in chosen.items():
+    for key, role in chosen.items():
         source = assigned.get(key)
-        if source is None or units.option_names(role, column):
+        if source is None or units.option_names(role):
             continue
         above = ((line, u) for line, u in units.units_above(key[0]) if dimension_of(u) == source.dimension)
         line, unit = next(above, ("", ""))
         if unit and si_factor(unit) != abs(source.factor):
             yield (
-                f"the line '{line:.60}' above the header contradicts column '{column}', which is "
+                f"the line '{line:.60}' above the header contradicts column '{role.column}', which is "
                 f"read in {source.unit}; if {unit} is right, add --unit {role.numbered}={unit}"
             )
 
 
 def _note_other_columns(table: Table, chosen: Chosen, options: ImportOptions) -> Iterator[str]:
     """Yield a note for each effort or displacement that other columns of its dimension may hold, too."""
-    used = {column for _, column in chosen.values()} | {*options.context}
-    guesses = [guess for guess in guess_columns(table.names) if guess.column not in used]
-    for key, (role, column) in chosen.items():
+    used = {role.column for role in chosen.values()} | {*options.context}
+    guesses = [guess for guess in table.guesses if guess.column not in used]
+    for key, role in chosen.items():
+        column = role.column
         dimension = dimension_of(unit_in_name(column))
         alike = (g.column for g in guesses if g.key == key and dimension_of(g.unit) == dimension)
         others = [f"'{name}'" for name in alike if table.varies(name)]
@@ -452,7 +438,8 @@ def _orient_signs(
     scaled = {key for key in (DISPLACEMENT, FORCE) if assigned[key].is_fixed}
     factors = {DISPLACEMENT: sides.displacement, FORCE: sides.force}
     flipped = {key: assigned[key].column for key in factors if factors[key] < 0.0 and key not in scaled}
-    is_magnitude = is_absolute(force.column) and units.table.numbers(force.column).min() >= 0.0
+    is_named_so = not _ABSOLUTE.isdisjoint(words_of(force.column))
+    is_magnitude = is_named_so and units.table.numbers(force.column).min() >= 0.0
     keeps_sign = is_magnitude and flipped.pop(FORCE, None) is not None
     result = assigned | {key: replace(assigned[key], factor=-assigned[key].factor) for key in flipped}
     notes = []

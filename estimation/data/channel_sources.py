@@ -18,8 +18,8 @@ from palpate.estimation.data.column_names import (
     Key,
     Role,
     channel_pairs,
-    guess_columns,
     is_angle,
+    numbered,
     quantity_in,
     unit_in_name,
     words_of,
@@ -28,7 +28,6 @@ from palpate.estimation.data.column_units import ColumnUnits, explain_numbers
 from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.import_options import NO_OPTIONS, ImportOptions
 from palpate.estimation.data.table import Table
-from palpate.estimation.data.table_layout import clocks_of
 from palpate.estimation.data.text_dialect import NAMELESS, OMITTED
 from palpate.estimation.data.units import dimension_of
 from palpate.robot_io.errors import InputError
@@ -52,7 +51,7 @@ class ChannelSource:
 
     @property
     def joint(self) -> int:
-        """Number of the joint, 0 for a contact or an unnumbered joint."""
+        """Number of the joint in the file, or `NO_JOINT`."""
         return self.position[1]
 
     @property
@@ -82,7 +81,7 @@ def channel_sources(columns: ColumnAssignment) -> list[ChannelSource]:
         kind = ChannelKind.REVOLUTE if turns(motion) else ChannelKind.PRISMATIC
         kind = ChannelKind.SERVO if effort[0] == "goal" else kind
         is_contact = motion == DISPLACEMENT
-        name = "contact" if is_contact else f"joint_{max(motion[1], 1)}"
+        name = "contact" if is_contact else f"joint_{max(motion[1] + columns.shift, 1)}"
         sources.append(ChannelSource(name, ChannelKind.CONTACT if is_contact else kind, motion, effort))
     if sources:
         return sources
@@ -125,7 +124,7 @@ def check_options_are_used(
         if key in used:
             continue
         texts = [f"--column {name}={c}" for name, c in options.columns.items() if c == assigned.column]
-        names = ColumnUnits(columns.table, options).option_names(columns.role(key), assigned.column)
+        names = ColumnUnits(columns.table, options).option_names(Role(assigned.column, *key))
         texts += [f"--unit {name}={options.units[name]}" for name in names]
         if texts:
             channels = "; ".join(
@@ -134,7 +133,7 @@ def check_options_are_used(
             )
             raise InputError(
                 f"{columns.table.path}: {' '.join(texts)}: no channel uses it as "
-                f"{columns.role(key).numbered}. Channels: {channels}"
+                f"{numbered(key)}. Channels: {channels}"
             )
 
 
@@ -146,14 +145,14 @@ def _check_dimensions(columns: ColumnAssignment) -> None:
         if quantity not in {"position", "velocity"} or other_effort not in columns:
             continue
         effort, correction = columns.assigned[other_effort], "correct one with --unit or --column"
-        force = columns.role(("force", joint)).numbered
+        force = numbered(("force", joint))
         as_force = f"add --column {force}={shlex.quote(effort.column)} --unit {force}"
         if effort.dimension == "current":
             correction = f"if it is the current of a linear motor with 20 N/A, {as_force}=20N/A"
         elif not turns:
             names = (name for name in columns.unused if quantity_in(name) == "position")
             rate = "/s" if quantity == "velocity" else ""
-            as_angle = f"--unit {columns.role((quantity, joint)).numbered}=rad{rate}"
+            as_angle = f"--unit {numbered((quantity, joint))}=rad{rate}"
             if rate and (name := next(names, "")):
                 as_angle = f"--column position={shlex.quote(name)} --unit position=rad"
             correction = (
@@ -180,9 +179,13 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         example = _options_without_names(columns)
         return f"{needed}; the meaning of each column is unknown; name the columns, as in {example}"
     found: dict[str, str] = {}  # column of each quantity
-    guesses = guess_columns(table.names, clocks_of(table.columns))
     # Words count more than units that may stand for a force, and angles come first.
-    by_word = {guess.column: guess.quantity or _quantity_by_word(guess.column) for guess in guesses}
+    by_word = {
+        guess.column: guess.quantity
+        or quantity_in(guess.column)
+        or "force" * (re.match(r"[Ff][xyz]?_", guess.column) is not None)  # as in "F_arm"
+        for guess in table.guesses
+    }
     dimension_by_name = {name: dimension_of(unit_in_name(name)) for name in table.names}
     proxies = {name for name, dimension in dimension_by_name.items() if dimension in PROXIES}
     for name in sorted(by_word, key=lambda n: (not is_angle(n), n in proxies, not by_word[n])):
@@ -213,8 +216,8 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         if quantity in given and not unit_in_name(found[quantity]):
             options.append(f"--unit {quantity}={shlex.quote(given[quantity])}")
         elif dimension not in QUANTITIES[quantity]:  # the leading 1 overrides the unit in the column's name
-            role = Role(quantity, 0, "")
-            missing = ColumnUnits(table, NO_OPTIONS).missing({role.key: (role, found[quantity])})
+            role = Role(found[quantity], quantity)
+            missing = ColumnUnits(table, NO_OPTIONS).missing({role.key: role})
             counts = (option for _, option in missing if not dimension and "=0.0" in option)
             options.append(next(counts, f"--unit {quantity}={'1' if dimension else ''}{_UNITS[quantity]}"))
     proposed = explain_numbers(" ".join(options))
@@ -225,11 +228,6 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         f"{needed}; if columns hold them, or the command of a drive, name them, as in {proposed}{interval}; "
         "if another file with the same rows holds them, give both files"
     )
-
-
-def _quantity_by_word(name: str) -> str:
-    """Return the quantity that a word in a name means, or the letter in front, as in "F_arm"."""
-    return quantity_in(name) or "force" * (re.match(r"[Ff][xyz]?_", name) is not None)
 
 
 def _is_signal(table: Table, name: str, quantity: str) -> bool:
@@ -251,9 +249,8 @@ def _options_without_names(columns: ColumnAssignment) -> str:
     valid = [name for name in left if table.varies(name)]
     options = []
     if "time" not in given and len(left) >= _MIN_COLUMNS:
-        clocks = clocks_of(table.columns)
-        clock = max(valid, key=lambda name: (name in clocks, _rising_share(table, name)), default="")
-        if clock and (clock in clocks or _rising_share(table, clock) > _RISES):
+        clock = max(valid, key=lambda name: (name in table.clocks, _rising_share(table, name)), default="")
+        if clock and (clock in table.clocks or _rising_share(table, clock) > _RISES):
             options.append(f"--column time={shlex.quote(clock)}")
             left.remove(clock)
             valid.remove(clock)

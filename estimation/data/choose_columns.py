@@ -11,10 +11,10 @@ import numpy as np
 from palpate.estimation.data.column_names import (
     DISPLACEMENT,
     JOINT_QUANTITIES,
+    NO_JOINT,
     TIME,
     Key,
     Role,
-    RoleGuess,
     channel_pairs,
     guess_column,
     guess_columns,
@@ -24,7 +24,6 @@ from palpate.estimation.data.column_names import (
 )
 from palpate.estimation.data.column_units import Chosen, ColumnUnits, explain_numbers
 from palpate.estimation.data.table import Table
-from palpate.estimation.data.table_layout import clocks_of
 from palpate.estimation.data.units import dimension_of, si_factor
 from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.robot_io.errors import InputError
@@ -50,7 +49,7 @@ def choose_columns(
         units: units of the table's columns.
         known: quantities already assigned by palpate's own names or by options.
         reserved: columns of the known quantities, and columns that must not be used.
-        shift: number to add to the joint numbers in the file.
+        shift: number to add to the joint numbers in the file so that they count from 1.
         ask: whether to raise an error for columns that match equally well, or else to choose the first.
 
     Raises:
@@ -58,23 +57,19 @@ def choose_columns(
             is not a number.
     """
     table = units.table
-    as_time = {name for name in table.names if units.option_names(Role(*TIME, "", shift), name)}
+    as_time = {name for name in table.names if units.option_names(Role(name, *TIME))}
     parameters = [
         name
         for name in table.names
         if name not in reserved and name not in as_time and _is_parameter_named_as_time(table, name)
     ]
     candidates = [name for name in table.names if name not in parameters]
-    guessed = guess_columns(candidates, clocks_of(table.columns))
-    numbered = [
-        replace(g, joint=g.joint + shift) if g.joint is not None and g.quantity in JOINT_QUANTITIES else g
-        for g in guessed
-    ]
-    numbered = _number_by_names(numbered, units.options.joint_names)
+    guessed = guess_columns(candidates, table.clocks)
+    numbered = _number_by_names(guessed, units.options.joint_names, 1 - shift)
     named = [g for g in numbered if g.quantity and g.column not in reserved and g.key not in known]
-    is_single_joint = any(quantity in JOINT_QUANTITIES and joint == 0 for quantity, joint in known)
+    is_single_joint = any(quantity in JOINT_QUANTITIES and joint == NO_JOINT for quantity, joint in known)
     if is_single_joint:  # the user named it
-        named = [guess for guess in named if guess.quantity not in JOINT_QUANTITIES or not guess.joint]
+        named = [g for g in named if g.quantity not in JOINT_QUANTITIES or g.joint == NO_JOINT]
     free = [guess for guess in named if table.numeric_share(guess.column) > 0.5]
     if any(guess.quantity == "position" for guess in free):  # a constant length is then a lever arm
         free = [guess for guess in free if guess.key != DISPLACEMENT or table.varies(guess.column)]
@@ -86,10 +81,10 @@ def choose_columns(
             is_signal = guess.unit or any(table.labels(guess.column)[0])
             if is_signal and guess.key in keys and guess.key not in available:
                 table.numbers(guess.column)
-    user_guesses = {g for g in free if units.option_names(Role(*g.key, g.unit, shift), g.column)}
+    user_guesses = {guess for guess in free if units.option_names(guess)}
     clear = [guess for guess in free if guess.unit or guess.key == TIME or guess in user_guesses]
     guesses = clear if _keys_of_channels({*known, *(guess.key for guess in clear)}) else free
-    guesses_of: dict[Key, list[RoleGuess]] = {}
+    guesses_of: dict[Key, list[Role]] = {}
     for guess in guesses:
         guesses_of.setdefault(guess.key, []).append(guess)
     lengths = {k for k, of in guesses_of.items() if all(dimension_of(g.unit) == "length" for g in of)}
@@ -104,13 +99,13 @@ def choose_columns(
         if not any(table.varies(guess.column) for guess in guesses_of[key]):
             keys.remove(key)
     fitting = {key: _best_matches(table, key, guesses_of[key]) for key in keys}
-    chosen = {key: (Role(*key, best.unit, shift), best.column) for key, (best, *_) in fitting.items()}
+    chosen = {key: best for key, (best, *_) in fitting.items()}
     questions, answers = [], []
-    for key, (role, column) in chosen.items():
+    for key, role in chosen.items():
         if len(fitting[key]) > 1:
             names = " and ".join(f"'{guess.column}'" for guess in fitting[key][:4])
             questions.append(f"columns {names} may hold {role.numbered}")
-            answers.append(f"--column {role.numbered}={shlex.quote(column)}")
+            answers.append(f"--column {role.numbered}={shlex.quote(role.column)}")
     if questions and ask:
         answers += [unit for _, unit in units.missing(chosen)]
         raise InputError(
@@ -120,15 +115,17 @@ def choose_columns(
     return chosen
 
 
-def _number_by_names(guesses: Sequence[RoleGuess], joint_names: Sequence[str]) -> list[RoleGuess]:
-    """Number the columns that contain names of the arm's joints; nothing changes unless all joints occur."""
+def _number_by_names(guesses: Sequence[Role], joint_names: Sequence[str], first: int) -> list[Role]:
+    """Number the columns that contain names of the arm's joints, unless one of these does not occur."""
     patterns = [re.compile(rf"(?<![^\W_]){re.escape(name)}(?![^\W_])") for name in joint_names]
     named: dict[str, int] = {}
     for guess in guesses:
-        lengths = [(len(found[0]), n) for n, p in enumerate(patterns, 1) if (found := p.search(guess.column))]
+        lengths = [
+            (len(found[0]), n) for n, p in enumerate(patterns, first) if (found := p.search(guess.column))
+        ]
         if lengths and guess.quantity in JOINT_QUANTITIES:
             named[guess.column] = max(lengths)[1]  # "wrist_1" also contains "wrist"
-    complete = set(named.values()) == set(range(1, len(joint_names) + 1))
+    complete = len(set(named.values())) == len(joint_names)
     return [replace(g, joint=named.get(g.column, g.joint)) if complete else g for g in guesses]
 
 
@@ -146,7 +143,7 @@ def _is_parameter_named_as_time(table: Table, name: str) -> bool:
     the rows has many. A name with a word for the time, or with a unit of time, is always a clock.
     """
     is_clear = quantity_in(name) == TIME[0] or dimension_of(unit_in_name(name)) == "time"
-    if is_clear or guess_column(name).key != TIME or name in clocks_of(table.columns):
+    if is_clear or guess_column(name).key != TIME or name in table.clocks:
         return False
     if table.numeric_share(name) < 1.0:
         return False
@@ -178,7 +175,7 @@ def is_pressed(position: FloatArray, force: FloatArray) -> bool:
     return bool(force[begins].size and abs(np.median(force[begins])) < _MAX_OPPOSITE_FORCE * largest)
 
 
-def _best_matches(table: Table, key: Key, guesses: list[RoleGuess]) -> list[RoleGuess]:
+def _best_matches(table: Table, key: Key, guesses: list[Role]) -> list[Role]:
     """Return the columns with the best fitting names and different values; a time preferably increases."""
     if len(guesses) > 1:
         guesses = [guess for guess in guesses if len(table.labels(guess.column)[0]) > 1] or guesses
@@ -250,7 +247,7 @@ def joint_shift(table: Table, columns: Mapping[str, str]) -> int:
 def _numbered(names: Iterable[str]) -> Numbered:
     numbered: Numbered = {}
     for guess in with_whole_joint_names(list(map(guess_column, names))):
-        if guess.quantity in JOINT_QUANTITIES and guess.joint is not None:
+        if guess.quantity in JOINT_QUANTITIES and guess.joint != NO_JOINT:
             numbered.setdefault(guess.quantity, {})[guess.joint] = guess.column
     if "position" not in numbered:  # the forces then belong to presses
         numbered.pop("force", None)

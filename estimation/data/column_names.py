@@ -4,6 +4,7 @@ import re
 import unicodedata
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import chain
 from types import MappingProxyType
 
@@ -12,8 +13,10 @@ from palpate.estimation.data.units import BRACKETED, SI, dimension_of, normalize
 
 RUN, PHASE = "run", "phase"
 
-Key = tuple[str, int]  # quantity and number of the joint, 0 if there is none
-TIME, DISPLACEMENT, FORCE, POSITION = ("time", 0), ("displacement", 0), ("force", 0), ("position", 0)
+NO_JOINT = -1  # stands for the number of a joint that has none
+Key = tuple[str, int]  # quantity, and number of the joint in the file or `NO_JOINT`
+TIME, DISPLACEMENT = ("time", NO_JOINT), ("displacement", NO_JOINT)
+FORCE, POSITION = ("force", NO_JOINT), ("position", NO_JOINT)
 
 QUANTITIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -54,61 +57,82 @@ _BRACKETED_IN_FRONT = re.compile(r"^\s*[\[({<]\s*([^\])}>]+?)\s*[\])}>]\s*(?=\S)
 _UNIT_AFTER_SIGN = re.compile(r"\s*(?:/|,|:|\||\bin\b)\s*([^\s/,:|]+)\s*$")
 
 
+OWN_NAME, _BY_NAME, _BY_WORD, _BY_UNIT, _BY_PAIR = 4, 3, 2, 1, 0
+
+
 @dataclass(frozen=True)
 class Role:
-    """Quantity, joint and unit of a column."""
+    """Quantity, joint and unit of a column, stated in its name or guessed from it."""
 
-    quantity: str  # key of `QUANTITIES`
-    joint: int  # number of the joint from 1, or 0 if the name has none
-    unit: str  # normalized unit in the name; empty if it has none
-    shift: int = 0  # offset of the joint number from that in the file, whose joints may count from 0
+    column: str  # name of the column in the file
+    quantity: str  # key of `QUANTITIES`, or "run"; empty for none
+    joint: int = NO_JOINT  # number of the joint in the file, or `NO_JOINT`
+    unit: str = ""  # normalized unit; empty if the name has none
+    rank: int = _BY_NAME  # how well the name fits; palpate's own names rank highest
+    why: str = ""  # reason in words
+    joint_name: tuple[str, ...] = ()  # further words in the name, such as the joint whose position it is
 
     @property
-    def key(self) -> tuple[str, int]:
-        """Quantity and joint, unique among columns."""
+    def key(self) -> Key:
+        """Quantity and joint, unique among the columns in use."""
         return self.quantity, self.joint
 
     @property
     def numbered(self) -> str:
-        """Quantity with the joint's number in the file, as in options: "position_2" or "force"."""
-        return f"{self.quantity}_{self.joint - self.shift}" if self.joint else self.quantity
+        """Quantity with the joint's number, see `numbered`."""
+        return numbered(self.key)
+
+    @property
+    def fit(self) -> tuple[bool, int, bool]:
+        """Sort key for columns of one quantity: those that represent an effort come last."""
+        is_current = not self.unit and not CURRENT.isdisjoint(words_of(self.column))
+        return dimension_of(self.unit) not in PROXIES and not is_current, self.rank, bool(self.unit)
 
 
-def parse_role(name: str, shift: int = 0) -> Role | None:
+def numbered(key: Key) -> str:
+    """Return a quantity with the joint's number, as in options: "position_2" or "force".
+
+    Args:
+        key: quantity, and number of the joint in the file or `NO_JOINT`.
+    """
+    quantity, joint = key
+    return quantity if joint == NO_JOINT else f"{quantity}_{joint}"
+
+
+def parse_role(name: str) -> Role | None:
     """Parse a name such as `position_2_rad`, `force_N` or `time`; None for other names.
 
     Args:
         name: name of a column, or value of an option.
-        shift: number to add to the joint number.
     """
     match = _NAME.fullmatch(name.strip())
     if not match:
         return None
     named, number, ending = match.group(1).lower(), match.group(2), match.group(3) or ""
     quantity = _SYNONYMS.get(named, named)
-    joint = int(number or 0) + shift * (number is not None and quantity in JOINT_QUANTITIES)
+    has_joint = number and (int(number) > 0 or quantity in JOINT_QUANTITIES)
     unit = read_as(normalize_unit(ending), QUANTITIES[quantity])
     if unit and dimension_of(unit) not in QUANTITIES[quantity]:
         return None
     if named == "angle" and dimension_of(unit) != "angle":  # without a unit it may be any angle
         return None
-    return Role(quantity, joint, unit, shift)
+    rank = OWN_NAME if unit else _BY_NAME
+    return Role(name, quantity, int(number) if has_joint else NO_JOINT, unit, rank, "by its name")
 
 
-def role_of_option(name: str, shift: int) -> Role | None:
+def role_of_option(name: str) -> Role | None:
     """Return the role named in an option, possibly by a word such as `extension`; None for other names.
 
     Args:
         name: name as the user wrote it.
-        shift: number to add to the joint number.
     """
-    if role := parse_role(name, shift):
+    if role := parse_role(name):
         return role
     guess = guess_column(name)
     dimensions = {None, *QUANTITIES.get(guess.quantity, ())}
     if guess.rank <= _BY_UNIT or len(dimensions) == 1 or dimension_of(guess.unit) not in dimensions:
         return None
-    return Role(guess.quantity, 0 if guess.joint is None else guess.joint + shift, guess.unit, shift)
+    return guess
 
 
 def split_unit(name: str) -> tuple[str, str]:
@@ -193,15 +217,6 @@ def unit_in_name(name: str) -> str:
     return split_unit(_REPEATED.sub("", name))[1]
 
 
-def is_absolute(name: str) -> bool:
-    """Return whether a column holds absolute values, by a word in its name.
-
-    Args:
-        name: name of a column.
-    """
-    return not _ABSOLUTE.isdisjoint(words_of(name))
-
-
 def is_angle(name: str) -> bool:
     """Return whether a column holds an angle, by the unit in its name or else by a word.
 
@@ -228,7 +243,6 @@ _COUNTS = frozenset(["counts", "count", "ticks", "raw", "adc", "lsb"])  # number
 _ANGLES = frozenset("angle angles theta winkel angulo angolo encoder encoders enc".split())  # noqa: SIM905
 # Durations that have a unit of time but are no clock.
 _NO_CLOCK = frozenset(["pwm", "pulse", "esc", "delay", "latency", "lag"])
-_ABSOLUTE = frozenset(["abs", "absolute", "absolut", "betrag", "magnitude"])
 _ENCODER = frozenset(["encoder", "encoders", "enc"])
 GEAR_SIDES = frozenset(["motor", "rotor", "output", "link"])  # between which a gear may be
 _UNINFORMATIVE = frozenset(
@@ -250,7 +264,6 @@ _GOAL = frozenset(
 )
 _KNOWN = tuple((quantity, known) for quantity, known in WORDS.items() if quantity != RUN)
 _BY_DIMENSION = {"length": "displacement", "angle": "position"} | {n: n for n in ("time", "force", "torque")}
-OWN_NAME, _BY_NAME, _BY_WORD, _BY_UNIT, _BY_PAIR = 4, 3, 2, 1, 0
 # "Position des Kolbens" is the position of the piston, "Allongement des mors" the extension of the jaws, but
 # "Position des" is a desired position.
 _ARTICLE = re.compile(
@@ -271,31 +284,7 @@ _INTERFACES = (  # names whose units are specified: ROS (REP 103), RTDE, libfran
 )
 
 
-@dataclass(frozen=True)
-class RoleGuess:
-    """Quantity that a column probably contains."""
-
-    column: str  # name of the column in the file
-    quantity: str  # key of `QUANTITIES`, or "run"; empty for none
-    joint: int | None = None  # joint number in the name, None if it has none
-    unit: str = ""  # normalized unit in the name; empty if it has none
-    rank: int = _BY_NAME  # how well the name fits; palpate's own names rank highest
-    why: str = ""  # reason in words
-    joint_name: tuple[str, ...] = ()  # further words in the name, such as the joint whose position it is
-
-    @property
-    def key(self) -> tuple[str, int]:
-        """Quantity and number of the joint, 0 if there is none."""
-        return self.quantity, self.joint or 0
-
-    @property
-    def fit(self) -> tuple[bool, int, bool]:
-        """Sort key for columns of one quantity: those that represent an effort come last."""
-        is_current = not self.unit and not CURRENT.isdisjoint(words_of(self.column))
-        return dimension_of(self.unit) not in PROXIES and not is_current, self.rank, bool(self.unit)
-
-
-def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[RoleGuess]:
+def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Role]:
     """Guess the quantity of each column, with the joint's number as in the file.
 
     Args:
@@ -310,14 +299,14 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
         repeated = _REPEATED_NAME.fullmatch(name)
         return repeated is not None and repeated[1] in names
 
-    def guess_alone(name: str) -> RoleGuess:
+    def guess_alone(name: str) -> Role:
         if is_repeated(name):
-            return RoleGuess(name, "")
+            return Role(name, "")
         if name in clocks:
             return replace(guess_column(f"{split_unit(name)[0]} [s]"), column=name)
         quantity = _BY_DIMENSION.get(dimension_of(units.get(name, "")) or "", "") if units_only else ""
         if quantity:
-            return RoleGuess(name, quantity, None, units[name], _BY_UNIT, "by its unit")
+            return Role(name, quantity, NO_JOINT, units[name], _BY_UNIT, "by its unit")
         return guess_column(name)
 
     guesses = with_whole_joint_names(list(map(guess_alone, names)))
@@ -326,7 +315,7 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
     named = [
         guess
         for guess in guesses
-        if guess.quantity in _MOTION_OR_TORQUE and guess.joint is None and guess.rank < OWN_NAME
+        if guess.quantity in _MOTION_OR_TORQUE and guess.joint == NO_JOINT and guess.rank < OWN_NAME
     ]
     quantities_by_name = {(guess.joint_name, guess.quantity) for guess in named}
     motion = "position" if any(guess.quantity == "position" for guess in guesses) else "velocity"
@@ -335,10 +324,10 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
         for name in dict.fromkeys(guess.joint_name for guess in named)
         if {(name, motion), (name, "torque")} <= quantities_by_name
     ]
-    number = {name: n for n, name in enumerate(joints, 1)} if len(joints) > 1 else dict.fromkeys(joints)
+    number = {name: n if len(joints) > 1 else NO_JOINT for n, name in enumerate(joints, 1)}
     # A torque without a joint name may belong to any position.
     shared = len(joints) < 2 and any(
-        guess.quantity == "torque" and guess.joint is None and guess.rank > _BY_PAIR for guess in guesses
+        guess.quantity == "torque" and guess.joint == NO_JOINT and guess.rank > _BY_PAIR for guess in guesses
     )
     # If the names form no channel, the last word of a name without a unit is used too: "Standard force".
     missing = {"time"} - {guess.quantity for guess in guesses}
@@ -349,12 +338,12 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
     for guess in guesses:
         if guess in named and guess.joint_name in number:
             paired.append(replace(guess, joint=number[guess.joint_name]))
-        elif guess.rank == _BY_PAIR and guess.joint is None and not (shared and guess.quantity == "position"):
-            paired.append(RoleGuess(guess.column, ""))
+        elif (guess.rank, guess.joint) == (_BY_PAIR, NO_JOINT) and not (
+            shared and guess.quantity == "position"
+        ):
+            paired.append(Role(guess.column, ""))
         elif not guess.quantity and (quantity := quantity_in(guess.column, last=True)) in missing:
-            paired.append(
-                RoleGuess(guess.column, quantity, rank=_BY_PAIR, why="by the last word of its name")
-            )
+            paired.append(Role(guess.column, quantity, rank=_BY_PAIR, why="by the last word of its name"))
         else:
             paired.append(guess)
     if channel_pairs({guess.key for guess in paired if guess.quantity}):
@@ -377,7 +366,7 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
     ]
 
 
-def with_whole_joint_names(guesses: Sequence[RoleGuess]) -> list[RoleGuess]:
+def with_whole_joint_names(guesses: Sequence[Role]) -> list[Role]:
     """Make numbers a part of the joints' names where several joints share a number: "FL0_pos", "FR0_pos".
 
     At least two of these joints must have both a motion and a torque. The sides of a gear, such as motor and
@@ -387,7 +376,7 @@ def with_whole_joint_names(guesses: Sequence[RoleGuess]) -> list[RoleGuess]:
         guesses: guesses of single columns.
     """
     numbered = [
-        g for g in guesses if g.quantity in _MOTION_OR_TORQUE and g.joint is not None and g.joint_name
+        g for g in guesses if g.quantity in _MOTION_OR_TORQUE and g.joint != NO_JOINT and g.joint_name
     ]
     names_by_key: dict[Key, set[tuple[str, ...]]] = {}
     for guess in numbered:
@@ -398,10 +387,10 @@ def with_whole_joint_names(guesses: Sequence[RoleGuess]) -> list[RoleGuess]:
         for (quantity, joint), names in names_by_key.items()
         if quantity != "torque"
     )
-    return [replace(g, joint=None) if are_several and g in numbered else g for g in guesses]
+    return [replace(g, joint=NO_JOINT) if are_several and g in numbered else g for g in guesses]
 
 
-def _guess_tension_test(guess: RoleGuess) -> RoleGuess:
+def _guess_tension_test(guess: Role) -> Role:
     """Read a strain as a displacement and a stress as a force; the guess is unchanged for other columns."""
     unit = split_unit(guess.column)[1]
     measured = _NOT_MEASURED.intersection(words_of(guess.column))  # with the unit: "True strain" ends in one
@@ -409,7 +398,7 @@ def _guess_tension_test(guess: RoleGuess) -> RoleGuess:
     if word is None:
         return guess
     quantity, usual_unit = _TENSION_TEST[word]
-    return RoleGuess(guess.column, quantity, None, unit or usual_unit, _BY_WORD, "by its name")
+    return Role(guess.column, quantity, NO_JOINT, unit or usual_unit, _BY_WORD, "by its name")
 
 
 def is_unnamed(name: str) -> bool:
@@ -470,29 +459,29 @@ def _quantity_of(words: Collection[str]) -> str:
     return next((quantity for chosen in word_sets for quantity, known in _KNOWN if known & chosen), "")
 
 
-def guess_column(name: str, *, anywhere: bool = False) -> RoleGuess:
+@lru_cache(maxsize=4096)  # a name is examined in several steps
+def guess_column(name: str, *, anywhere: bool = False) -> Role:
     """Guess the quantity of a column from its name alone.
 
     Args:
         name: name of the column.
         anywhere: without a unit, use a word anywhere in the name, not only the last one.
     """
-    if (match := _NAME.fullmatch(name.strip())) and (role := parse_role(name)):
-        rank, joint = OWN_NAME if role.unit else _BY_NAME, int(match[2]) if match[2] else None
-        return RoleGuess(name, role.quantity, joint, role.unit, rank, "by its name")
+    if role := parse_role(name):
+        return role
     if plain(name.strip()) in WORDS[RUN]:
-        return RoleGuess(name, RUN, why="by its name")
+        return Role(name, RUN, why="by its name")
     stem, unit = split_unit(name)
     stem = _ARTICLE.sub(r"\1 ", _CAMEL.sub(" ", without_accents(stem)))
     words = re.findall(r"[^\W\d_]+|\d+", stem)
     numbers = [int(word) for word in words if word.isdecimal() and len(word) < 4]
     letters = [plain(word) for word in words if not word.isdecimal()]
-    joint = numbers[0] if len(numbers) == 1 else None
+    joint = numbers[0] if len(numbers) == 1 else NO_JOINT
     is_goal = _GOAL & set(letters) and not {*letters} - _GOAL - _UNINFORMATIVE - WORDS["position"]
     if is_goal and dimension_of(unit) in {None, "angle"}:
-        return RoleGuess(name, "goal", joint, unit, _BY_WORD, "by a word in its name")
+        return Role(name, "goal", joint, unit, _BY_WORD, "by a word in its name")
     if _NOT_MEASURED & set(letters):
-        return RoleGuess(name, "")
+        return Role(name, "")
     is_count = not _COUNTS.isdisjoint(letters)
     letters = [word for word in letters if word not in _UNINFORMATIVE | _COUNTS]
     if not WORDS["torque"].isdisjoint(letters):
@@ -500,15 +489,15 @@ def guess_column(name: str, *, anywhere: bool = False) -> RoleGuess:
     quantity, rank = _match_words("".join(letters), letters, unit, anywhere=anywhere) if letters else ("", 0)
     rank = min(rank, _BY_WORD) if is_count else rank
     if not quantity or (quantity == "position" and "power" in letters):  # q is a reactive power
-        return RoleGuess(name, "")
+        return Role(name, "")
     if quantity not in _MOTION_OR_TORQUE:
-        joint = None
+        joint = NO_JOINT
     # `WORDS` has none for acceleration.
     uninformative = WORDS.get(quantity, frozenset()) | _UNINFORMATIVE | _COUNTS
     joint_name = tuple(word.lower() for word in words if plain(word) not in uninformative)
     why = ("by this and other names", "by its unit", "by a word in its name", "by its name")[rank]
     specified = next((units.get(quantity, "") for pattern, units in _INTERFACES if pattern.search(name)), "")
-    return RoleGuess(name, quantity, joint, unit or specified, rank, why, joint_name)
+    return Role(name, quantity, joint, unit or specified, rank, why, joint_name)
 
 
 def _match_words(whole: str, words: Sequence[str], unit: str, *, anywhere: bool) -> tuple[str, int]:

@@ -4,7 +4,7 @@ import math
 import re
 import shlex
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,7 +32,6 @@ from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.quantity_words import CURRENT
 from palpate.estimation.data.table import Table
-from palpate.estimation.data.table_layout import clocks_of
 from palpate.estimation.data.units import (
     SI,
     dimension_of,
@@ -45,7 +44,7 @@ from palpate.estimation.data.units import (
 )
 from palpate.robot_io.errors import InputError
 
-Chosen = dict[Key, tuple[Role, str]]  # role and column of each quantity
+Chosen = dict[Key, Role]  # column in use for each quantity
 
 _MAX_RANGE = {  # largest plausible range in SI, and the likely unit of a larger range
     "displacement": (0.2, "mm"),
@@ -92,14 +91,13 @@ class AssignedColumn:
 class ColumnUnits:
     """Units of a table's columns.
 
-    In all methods `role` is the role of a column, `column` is its name in the file, and `chosen` are the
-    columns in use.
+    In all methods `role` is the role of a column, and `chosen` are the columns in use.
     """
 
     table: Table
     options: ImportOptions
 
-    def option_names(self, role: Role, column: str) -> list[str]:
+    def option_names(self, role: Role) -> list[str]:
         """Return the names in --unit that refer to a column: its name, quantity, or quantity and joint.
 
         A column such as `pos` may be called a position or a displacement if there is no other displacement.
@@ -109,41 +107,42 @@ class ColumnUnits:
             return []
         columns = self.options.columns
         exact = {name for name in self.table.names if name not in columns or name in columns.values()}
-        parsed = {name: role_of_option(name, role.shift) for name in self.options.units if name not in exact}
-        is_either = role.key in {DISPLACEMENT, POSITION} and guess_column(column).quantity == "position"
+        parsed = {name: role_of_option(name) for name in self.options.units if name not in exact}
+        is_either = role.key in {DISPLACEMENT, POSITION} and guess_column(role.column).quantity == "position"
         if role.key == POSITION:
             is_either &= not any(guess_column(name).key == DISPLACEMENT for name in self.table.names)
         keys = {DISPLACEMENT, POSITION} if is_either else {role.key}
         role_names = {name for name, named in parsed.items() if named is not None and named.key in keys}
         if role.quantity in parsed:
             role_names.add(role.quantity)
-        return [name for name in self.options.units if name == column or name in role_names]
+        return [name for name in self.options.units if name == role.column or name in role_names]
 
-    def unit_of(self, role: Role, column: str) -> str:
+    def unit_of(self, role: Role) -> str:
         """Return the unit from --unit, the column's name or the role, in this order; empty if unknown."""
+        column = role.column
         guess = guess_column(column)  # knows names whose unit is specified, such as "rpm" and "millis"
         specified = guess.unit if guess.quantity == role.quantity else ""
         # A strain whose range is too large for most materials may be in percent.
         is_unclear = role.unit == "strain" and unknown_unit(column) not in _WITHOUT_UNIT
         is_unclear = is_unclear and self.table.varies(column)
         usual = "" if is_unclear and np.ptp(self.table.numbers(column)) > _MAX_STRAIN else role.unit
-        stated = (self._named_unit(role, column), usual, specified)
+        stated = (self._named_unit(role), usual, specified)
         fitting = (unit for unit in stated if dimension_of(unit) in QUANTITIES[role.quantity])
-        return self._user_unit(role, column) or next(fitting, "")
+        return self._user_unit(role) or next(fitting, "")
 
-    def assign(self, role: Role, column: str) -> AssignedColumn:
+    def assign(self, role: Role) -> AssignedColumn:
         """Determine the unit of a column and its factor to SI.
 
         Raises:
             InputError: the unit does not fit the quantity, or the column contains clock times.
         """
-        dimensions, place = QUANTITIES[role.quantity], f"{self.table.path}: column '{column}'"
-        if role.quantity != "time" and column in clocks_of(self.table.columns):
+        column, dimensions = role.column, QUANTITIES[role.quantity]
+        place = f"{self.table.path}: column '{column}'"
+        if role.quantity != "time" and column in self.table.clocks:
             raise InputError(
                 f"{place} holds clock times, expected {role.quantity}; name another one with --column"
             )
-        user_unit, named_unit = self._user_unit(role, column), self._named_unit(role, column)
-        unit = self.unit_of(role, column)
+        user_unit, named_unit, unit = self._user_unit(role), self._named_unit(role), self.unit_of(role)
         note = ""
         if not unit and role.quantity == "time":
             if unknown := unknown_unit(column) or next(iter(_COUNTED & {*words_of(column)}), ""):
@@ -151,7 +150,7 @@ class ColumnUnits:
                     f"{place}: '{unknown}' is not a known unit of time; give it as a multiple of s, ms, us, "
                     "min, h or day, as in --unit time=0.01s"
                 )
-            unit = self._likely_unit(role, column)
+            unit = self._likely_unit(role)
             note = (
                 f"column '{column}' states no unit and is read in {unit}, from its sample step; if that is "
                 f"wrong, add --unit time={'ms' if unit == 's' else 's'}"
@@ -174,26 +173,26 @@ class ColumnUnits:
             )
         elif not user_unit:
             is_capital = " ".join(self.table.names).isupper()
-            note = _note_on_name(role, column, named_unit, unit, is_capital=is_capital) or note
+            note = _note_on_name(role, named_unit, unit, is_capital=is_capital) or note
         elif abs(scale) == 1.0 and not _fits_name(column, named_unit, unit):
             note = f"column '{column}' is read as {role.quantity} in {unit}, whatever its name says"
         factor = scale * SI[dimension][unit]
         unit = stated if scale != 1.0 else unit
-        is_fixed = any(is_scaled(self.options.units[name]) for name in self.option_names(role, column))
+        is_fixed = any(is_scaled(self.options.units[name]) for name in self.option_names(role))
         return AssignedColumn(column, dimension, unit, factor, note, is_fixed=is_fixed)
 
     def missing(self, chosen: Chosen) -> list[tuple[str, str]]:
         """Return the columns of unknown unit, each with the option that states the likely unit."""
         missing = []
-        for role, column in chosen.values():
-            if role.quantity != "time" and not self.unit_of(role, column):
+        for role in chosen.values():
+            if role.quantity != "time" and not self.unit_of(role):
                 linear = ("force", role.joint) in chosen and ("torque", role.joint) not in chosen
-                unit, unknown = self._likely_unit(role, column, linear=linear), _unknown_unit(column)
+                unit, unknown = self._likely_unit(role, linear=linear), _unknown_unit(role.column)
                 in_capitals = dimension_of(normalize_unit(unknown.lower())) in QUANTITIES[role.quantity]
-                size = "10" if unknown and not in_capitals and not self._has_counts(role, column) else ""
+                size = "10" if unknown and not in_capitals and not self._has_counts(role) else ""
                 if dimension_of(unknown) == "voltage":  # no number, which would be used as it is
                     size, unit = _FACTOR_OF_VOLT, f"{scaled_unit(unit, '')[1]}/V"
-                missing.append((column, f"--unit {role.quantity}={size}{unit}"))
+                missing.append((role.column, f"--unit {role.quantity}={size}{unit}"))
         return missing
 
     def check_known(self, chosen: Chosen) -> None:
@@ -218,10 +217,10 @@ class ColumnUnits:
                 unit = known.replace("that is", "that are") if known else ""
                 problem = f"columns {columns} state no units{unit}; give them, as in {options}"
             keys = POSITION, FORCE
-            if set(keys) <= set(chosen) and not any(self.unit_of(*chosen[key]) for key in keys):
-                position, force = (shlex.quote(chosen[key][1]) for key in keys)
-                unit = self._likely_unit(*chosen[POSITION])
-                torque = self._likely_unit(Role("torque", 0, ""), chosen[FORCE][1])
+            if set(keys) <= set(chosen) and not any(self.unit_of(chosen[key]) for key in keys):
+                position, force = (shlex.quote(chosen[key].column) for key in keys)
+                unit = self._likely_unit(chosen[POSITION])
+                torque = self._likely_unit(replace(chosen[FORCE], quantity="torque", unit=""))
                 problem += (
                     f"; if they belong to a revolute joint, add --column position={position} --column "
                     f"torque={force} --unit position={unit} --unit torque={torque}"
@@ -236,20 +235,20 @@ class ColumnUnits:
         """
         if DISPLACEMENT in chosen or any(quantity in {"torque", "goal"} for quantity, _ in chosen):
             return
-        for (quantity, joint), (role, column) in chosen.items():
+        for (quantity, joint), role in chosen.items():
             if quantity != "position" or ("force", joint) not in chosen:
                 continue
-            force_role, force = chosen["force", joint]
-            scale, unit = scaled_unit(self.unit_of(force_role, force), "")
-            if dimension_of(scaled_unit(self.unit_of(role, column), "")[1]) == "angle" and (
+            force = chosen["force", joint].column
+            scale, unit = scaled_unit(self.unit_of(chosen["force", joint]), "")
+            if dimension_of(scaled_unit(self.unit_of(role), "")[1]) == "angle" and (
                 unit in SI["force"] or not unit
             ):
-                torque = Role("torque", joint, "", role.shift).numbered
+                torque = replace(role, quantity="torque").numbered
                 what = f"'{force}' a force, not a torque; if the force acts on a lever arm of 0.1 m"
                 if not unit:
                     what = f"'{force}' states no unit of torque; if a value of 1 is a torque of 0.1 N m"
                 raise InputError(
-                    f"{self.table.path}: column '{column}' is an angle and {what}, use --column "
+                    f"{self.table.path}: column '{role.column}' is an angle and {what}, use --column "
                     f"{torque}={shlex.quote(force)} --unit "
                     f"{torque}={0.1 * scale * SI['force'].get(unit, 1.0):g}Nm"
                 )
@@ -260,24 +259,24 @@ class ColumnUnits:
         Raises:
             InputError: a --unit applies to no column in use.
         """
-        used = {name for role, column in chosen.values() for name in self.option_names(role, column)}
+        used = {name for role in chosen.values() for name in self.option_names(role)}
         for name in self.options.units:
             if name not in used:
-                in_use = ", ".join(column for _, column in chosen.values()) or "none"
+                in_use = ", ".join(role.column for role in chosen.values()) or "none"
                 raise InputError(
                     f"{self.table.path}: --unit {name}={self.options.units[name]}: no such quantity or "
                     f"column is in use. In use: {in_use}"
                 )
 
-    def _user_unit(self, role: Role, column: str) -> str:
-        unit = next((self.options.units[name] for name in self.option_names(role, column)), "")
+    def _user_unit(self, role: Role) -> str:
+        unit = next((self.options.units[name] for name in self.option_names(role)), "")
         return _LETTERS.get((role.quantity, unit), normalize_unit(unit))
 
-    def _named_unit(self, role: Role, column: str) -> str:
+    def _named_unit(self, role: Role) -> str:
         """Return the unit in a column's name, or seconds if the column has clock times."""
-        if column in clocks_of(self.table.columns):
+        if role.column in self.table.clocks:
             return "s"
-        unit = unit_in_name(column) or _LETTERS.get((role.quantity, unknown_unit(column)), "")
+        unit = unit_in_name(role.column) or _LETTERS.get((role.quantity, unknown_unit(role.column)), "")
         return read_as(unit, QUANTITIES[role.quantity])
 
     def units_above(self, quantity: str) -> Iterator[tuple[str, str]]:
@@ -298,9 +297,9 @@ class ColumnUnits:
                     units = (read_as(normalize_unit(word), QUANTITIES[quantity]) for word in words)
                     yield from ((line, unit) for unit in units if dimension_of(unit) in QUANTITIES[quantity])
 
-    def _likely_unit(self, role: Role, column: str, *, linear: bool = False) -> str:
+    def _likely_unit(self, role: Role, *, linear: bool = False) -> str:
         """Return the SI unit (`linear`: of a linear axis), or the laboratory's if numbers are too large."""
-        filled = self.table.select(self.table.filled_rows(column))
+        column, filled = role.column, self.table.select(self.table.filled_rows(role.column))
         values = filled.numbers(column) if filled.varies(column) else np.zeros(1)
         span = float(np.ptp(values))
         if role.quantity == "time":
@@ -315,15 +314,16 @@ class ColumnUnits:
         largest, usual = _MAX_RANGE.get(quantity, (np.inf, ""))
         if quantity == "torque" and not CURRENT.isdisjoint(words_of(column)):
             usual = "A" if span < _MAX_CURRENT_A else "mA"
-            return "0.001A" if self._has_counts(role, column) else usual
+            return "0.001A" if self._has_counts(role) else usual
         turns = quantity in {"velocity", "acceleration"} and not linear
         si = "MPa" if "stress" in column.lower() else si_unit(QUANTITIES[quantity][int(turns)])
-        if self._has_counts(role, column):
+        if self._has_counts(role):
             return _COUNT_OF_ENCODER if usual == "deg" else f"0.001{usual or si}"
         return usual if span > largest else si
 
-    def _has_counts(self, role: Role, column: str) -> bool:
+    def _has_counts(self, role: Role) -> bool:
         """Return whether a column without a unit holds counts, by its name or since all numbers are whole."""
+        column = role.column
         if holds_counts(column):
             return True
         table = self.table.select(self.table.filled_rows(column))
@@ -348,8 +348,9 @@ def _unknown_unit(column: str) -> str:
     return unknown_unit(column) or unit_in_name(column)
 
 
-def _note_on_name(role: Role, column: str, named_unit: str, unit: str, *, is_capital: bool) -> str:
+def _note_on_name(role: Role, named_unit: str, unit: str, *, is_capital: bool) -> str:
     """Return a note if a column name has a factor, two units, or another unit than `unit`; else empty."""
+    column = role.column
     if named_unit.startswith("×"):
         return (
             f"the factor in the name of column '{column}' is applied: it is read in {named_unit[1:]}; if that"

@@ -70,7 +70,7 @@ def read_excel_table(path: Path, selected: str) -> FileColumns:
     _check_workbook(path)
     book = CalamineWorkbook.from_path(path)
     sheets = [book.get_sheet_by_name(name) for name in book.sheet_names[:_MAX_SHEETS]]
-    tables = [table for sheet in sheets for table in _tables(sheet) or _tables(sheet, nameless=True)]
+    tables = [table for sheet in sheets for table in _tables(sheet)]
     if not tables:
         raise InputError(
             f"{path}: no sheet has a row of column names above rows of numbers. Its sheets: "
@@ -173,8 +173,8 @@ def _extent(sheet: bytes) -> tuple[int, int]:
     return last[0], last[1]
 
 
-def _tables(sheet: CalamineSheet, *, nameless: bool = False) -> list[_SheetTable]:
-    """Return the tables of a sheet in order; `nameless` also accepts a table of numbers without names."""
+def _tables(sheet: CalamineSheet) -> list[_SheetTable]:
+    """Return the tables of a sheet in order, or else its first table of numbers without names."""
     rows: list[list[Any]] = sheet.to_python(skip_empty_area=True)
     decimal = _decimal_mark(rows)
     in_rows = len(rows) < _LOOKED_AT and are_signals(
@@ -190,16 +190,14 @@ def _tables(sheet: CalamineSheet, *, nameless: bool = False) -> list[_SheetTable
     places = sorted(looked_at)
     head = [[_text(cell, decimal) for cell in rows[place]] for place in places]
     layouts = list(find_layouts(head, decimal))
-    if nameless:
+    if not layouts:
         numbered = numbered_names(len(head[0]) if head else 0)
         first = next(find_layouts([numbered, *head], decimal), None)
         layouts = [TableLayout(first.names, first.first - 1, first.first - 1)] if first else []
-    if not layouts:
-        return []
     above = 1 + (sheet.start or (0, 0))[int(in_rows)]
     tables: list[_SheetTable] = []
     ends = [*(places[layout.header] for layout in layouts[1:]), len(rows)]
-    for layout, end in zip(layouts, ends, strict=True):
+    for layout, end in zip(layouts, ends, strict=False):  # there may be no table
         width, counts = len(layout.names), is_number(head[layout.first][0], decimal)
         body = {place: rows[place][:width] for place in range(places[layout.first], end)}
         body = {place: row for place, row in body.items() if any(cell != "" for cell in row)}

@@ -12,7 +12,7 @@ import scipy
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.assign_columns import ColumnAssignment, assign_columns, in_blocks
 from palpate.estimation.data.channel_sources import ChannelSource, channel_sources, check_options_are_used
-from palpate.estimation.data.column_names import TIME, Key, quantity_in, unit_in_name, words_of
+from palpate.estimation.data.column_names import TIME, Key, numbered, quantity_in, unit_in_name, words_of
 from palpate.estimation.data.contact import STEP_COLUMN, SURFACE_COLUMN, with_surface
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data.even_clock import note_uneven
@@ -284,7 +284,7 @@ def _make_channel(
         position = np.concatenate(list(integrals))
         notes.append(
             f"no position column was found: the position is integrated from {name}, from 0 in each run; if a "
-            f"column holds it, add --column {columns.role(('position', source.joint)).numbered}=COLUMN"
+            f"column holds it, add --column {numbered(('position', source.joint))}=COLUMN"
         )
         if TIME not in columns:
             notes.append(
@@ -351,7 +351,7 @@ def _continuous_angle(
             break
     else:
         return angle
-    option = f"--unit {columns.role(source.position).numbered}"
+    option = f"--unit {numbered(source.position)}"
     steps = f"{size / abs(column.factor):.4g} {'counts' if step else unit}"
     note = f"position '{column.column}' jumps by {steps} at {jumps} place{'s' * (jumps > 1)}"
     if turn == turn_in_other:
@@ -398,7 +398,7 @@ def _measured_derivative(  # noqa: PLR0917
             return measured
         problem = "holds differences of single samples, which amplify noise; more samples are used instead"
     elif np.isnan(ratio):
-        another = f"--column {columns.role(key).numbered}=COLUMN"
+        another = f"--column {numbered(key)}=COLUMN"
         problem = f"does not follow {rate}; if another column does, add {another}"
     else:
         example = _unit_example(columns, source, ratio) if key[0] == "velocity" else ""
@@ -414,9 +414,9 @@ def _note_unused_velocity(
 ) -> Iterator[str]:
     """Yield a note on an unused velocity that contradicts the position (n,) by a constant factor."""
     rates = SI.get(f"{columns.assigned[source.position].dimension}_rate", {})
-    for guess in columns.unused_velocities:
-        joint = 0 if guess.joint is None else guess.joint + columns.shift
-        if joint != source.joint or guess.unit not in rates:
+    for guess in columns.table.guesses:
+        is_unused = guess.key == ("velocity", source.joint) and guess.column in columns.unused
+        if not is_unused or guess.unit not in rates:
             continue
         velocity = rates[guess.unit] * columns.table.numbers(guess.column)[rows.order]
         ratio = mistaken_scale(rows.time_s, position, velocity, rows.run)
@@ -431,7 +431,7 @@ def _note_unused_velocity(
 
 def _unit_example(columns: ColumnAssignment, source: ChannelSource, ratio: float) -> str:
     """Return an example of --unit by which a velocity agrees that is `ratio` times the position's slope."""
-    position, option = columns.assigned[source.position], columns.role(source.position).numbered
+    position, option = columns.assigned[source.position], numbered(source.position)
     units = SI[position.dimension].items()
     likely = [unit for unit, size in units if abs(size / position.factor / ratio - 1.0) < _SAME_RATIO]
     return f", such as --unit {option}={likely[0]}" if likely else ""
@@ -447,7 +447,7 @@ def _note_gear(source: ChannelSource, columns: ColumnAssignment) -> Iterator[str
             yield (
                 f"'{columns.name(motor)}' belongs to the motor and '{columns.name(joint)}' to the joint, "
                 "according to their names; for a gear of 50:1 between them, add --unit "
-                f"{columns.role(motor).numbered}={example}"
+                f"{numbered(motor)}={example}"
             )
 
 

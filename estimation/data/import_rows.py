@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.control.loop.task import Phase
 from palpate.estimation.data.assign_columns import ColumnAssignment
-from palpate.estimation.data.column_names import DISPLACEMENT, FORCE, RUN, TIME, guess_columns
+from palpate.estimation.data.column_names import DISPLACEMENT, FORCE, RUN, TIME
 from palpate.estimation.data.even_clock import spread_packets
 from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.measured_derivatives import mistaken_scale
@@ -29,12 +29,16 @@ _MAX_COUNT_S, _MAX_OVERFLOW_STEP = 1e-3, {32: 10.0, 31: 2.0, 24: 2.0, 16: 2.0}
 # intervals.
 _PARTS, _MIN_PART, _SAME_INTERVAL = 3, 20, 1.05
 _MIN_ROWS = 5  # least number of samples in a run; with fewer the acceleration is meaningless
-_REPEATED_NOTE = (  # note with the number of rows and the column
-    "repeats times: {0} rows are spaced evenly; if this column is not the time of each "
-    "row, add --context {1} to read it as another signal"
+_REPEATED_NOTE = (  # notes with the number of rows, the column, and the column as a shell reads it
+    "'{1}' repeats times: {0} rows are spaced evenly; if this column is not the time of each "
+    "row, add --context {2} to read it as another signal"
 )
-_PACKETS_NOTE = "stamps rows in packets: {0} rows are spaced evenly, since the packets follow an even clock"
-_LATE_NOTE = "stamps {0} rows late, in bursts after gaps: their times are spaced evenly over gap and burst"
+_PACKETS_NOTE = (
+    "'{1}' stamps rows in packets: {0} rows are spaced evenly, since the packets follow an even clock"
+)
+_LATE_NOTE = (
+    "'{1}' stamps {0} rows late, in bursts after gaps: their times are spaced evenly over gap and burst"
+)
 
 
 @dataclass(frozen=True)
@@ -77,8 +81,12 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
             given = list_first(list(labels.values()))
             raise InputError(f"--runs {count}: the file already gives the runs ('{columns.run}': {given})")
     order = np.argsort(run, kind="stable")
-    time_s, even_notes = _even_times(columns, times_s[order], run[order], order)
-    notes += even_notes
+    ordered_s, ordered_run = times_s[order], run[order]
+    clock = [write(columns.name(TIME)) for write in (str, shlex.quote) if TIME in columns]
+    time_s = spread_packets(ordered_s, ordered_run, columns.motions[:, order])
+    if (time_s != ordered_s).any():
+        repeats = ((np.diff(ordered_s) < MIN_INCREASE_S) & (np.diff(ordered_run) == 0)).any()
+        notes.append((_REPEATED_NOTE if repeats else _PACKETS_NOTE).format(len(order), *clock))
     if TIME not in columns:
         notes.append(
             "no time column: rows are assumed to be 1 s apart, so speeds, damping, inertia and relaxation "
@@ -104,35 +112,24 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
     for spread, note in ((_spread_repeated_times, _REPEATED_NOTE), (_spread_late_stamps, _LATE_NOTE)):
         before_s, time_s = time_s, spread(time_s, run)
         if moved := int(np.sum(time_s != before_s)):
-            name = columns.name(TIME)
-            notes.append(f"'{name}' {note.format(f'{moved} of {len(order)}', shlex.quote(name))}")
+            notes.append(note.format(f"{moved} of {len(order)}", *clock))
     rows = ImportedRows(order, time_s, run, _phases(table, columns.phase)[order], labels, tuple(notes))
     _check_times(columns, rows)
-    runs, counts = np.unique(run, return_counts=True)
-    if counts.min() < _MIN_ROWS:
-        rows_in = "1 row" if counts.min() == 1 else f"{counts.min()} rows"
-        needed = f"has {rows_in}, at least {_MIN_ROWS} are needed"
-        if columns.run is None:
-            raise InputError(f"{table.path}: {needed}")
-        raise InputError(
-            f"{table.path}: run '{labels[int(runs[np.argmin(counts)])]}' {needed}; leave it out with "
-            f"--where, or check the column '{columns.run}', which names the runs"
-        )
+    _check_lengths(columns, rows)
     return replace(rows, time_s=since_start(time_s, run)) if fresh else rows
 
 
 def _interval_advice(columns: ColumnAssignment, run: IntArray) -> str:
     """Propose the interval of rows that a recorded velocity implies, if it is the same in all parts."""
     rows, names, ratios = np.argsort(run, kind="stable"), list[str](), list[float]()
-    for guess in guess_columns(columns.table.names) if len(rows) >= _PARTS * _MIN_PART else ():
-        joint = 0 if guess.joint is None else guess.joint + columns.shift
-        position = columns.assigned.get(("position", joint))
+    for guess in columns.table.guesses if len(rows) >= _PARTS * _MIN_PART else ():
+        position = columns.assigned.get(("position", guess.joint))
         if guess.quantity != "velocity" or position is None or not columns.table.varies(guess.column):
             continue
         in_same_unit = dimension_of(guess.unit) != f"{position.dimension}_rate"
         velocity = columns.table.numbers(guess.column)
         velocity = velocity * (abs(position.factor) if in_same_unit else si_factor(guess.unit))
-        moved = columns.values(("position", joint))
+        moved = columns.values(("position", guess.joint))
         parts = (
             mistaken_scale(columns.table.rows[part].astype(float), moved[part], velocity[part], run[part])
             for part in np.array_split(rows, _PARTS)
@@ -165,18 +162,6 @@ def _times(columns: ColumnAssignment) -> tuple[FloatArray, int]:
             time_s[1:] += range_s * np.cumsum(overflows)
             return time_s, bits
     return time_s, 0
-
-
-def _even_times(
-    columns: ColumnAssignment, time_s: FloatArray, run: IntArray, order: IntArray
-) -> tuple[FloatArray, list[str]]:
-    """Return the times of rows after `spread_packets`, shape (n,) [s], and a note if they changed."""
-    even_s = spread_packets(time_s, run, columns.motions[:, order])
-    if (even_s == time_s).all():
-        return time_s, []
-    repeats = ((np.diff(time_s) < MIN_INCREASE_S) & (np.diff(run) == 0)).any()
-    note, name = (_REPEATED_NOTE if repeats else _PACKETS_NOTE), columns.name(TIME)
-    return even_s, [f"'{name}' {note.format(len(order), shlex.quote(name))}"]
 
 
 def _detect_runs(
@@ -281,3 +266,16 @@ def _check_times(columns: ColumnAssignment, rows: ImportedRows) -> None:
         f"{rows.time_s[late[0]]:.9g} s in {table.row_name(before)}{in_run}; times must increase within "
         f"a run: {remedy}"
     )
+
+
+def _check_lengths(columns: ColumnAssignment, rows: ImportedRows) -> None:
+    path, (runs, counts) = columns.table.path, np.unique(rows.run, return_counts=True)
+    if counts.min() < _MIN_ROWS:
+        rows_in = "1 row" if counts.min() == 1 else f"{counts.min()} rows"
+        needed = f"has {rows_in}, at least {_MIN_ROWS} are needed"
+        if columns.run is None:
+            raise InputError(f"{path}: {needed}")
+        raise InputError(
+            f"{path}: run '{rows.labels[int(runs[np.argmin(counts)])]}' {needed}; leave it out with "
+            f"--where, or check the column '{columns.run}', which names the runs"
+        )

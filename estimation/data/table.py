@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from palpate.estimation.data.array_files import read_groups, read_mat, read_npz, read_parquet
+from palpate.estimation.data.column_names import Role, guess_columns
 from palpate.estimation.data.file_columns import (
     BAGS,
     FileColumns,
@@ -30,6 +31,7 @@ from palpate.estimation.data.file_columns import (
 from palpate.estimation.data.grouped_files import hdf5_content, tdms_content
 from palpate.estimation.data.json_table import read_json
 from palpate.estimation.data.table_layout import (
+    CLOCK_MARK,
     find_tests,
     is_filled,
     is_text,
@@ -61,16 +63,11 @@ _HUNDREDS, _UNGROUPED = r"^[+-]?[1-9]\d\d(\.|$)", r"^[+-]?\d{4}"  # of which onl
 
 
 @dataclass(frozen=True)
-class Table:
-    """Named columns of equal length."""
+class Table(FileColumns):
+    """Columns of a file with unique names, whose clock times are seconds."""
 
-    path: Path  # source of the table, for error messages
-    columns: pa.Table  # Arrow columns; those of a text file contain text
-    rows: IntArray  # number of each row in the file, as an editor or spreadsheet shows it, shape (n,)
-    decimal: str = "."  # decimal mark of numbers that are text
-    notes: tuple[str, ...] = ()  # notes on the format of the file
-    row_word: str = "row"  # unit of `rows`: "row", or "line" of a text file
-    preamble: tuple[str, ...] = ()  # lines above the header
+    path: Path = field(kw_only=True)  # source of the table, for error messages
+    rows: IntArray = field(kw_only=True)  # number of each row in the file, shape (n,)
     _numbers: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __len__(self) -> int:
@@ -113,6 +110,17 @@ class Table:
     def names(self) -> tuple[str, ...]:
         """Names of the columns, in their order."""
         return tuple(self.columns.column_names)
+
+    @cached_property
+    def clocks(self) -> frozenset[str]:
+        """Names of the columns that were converted from clock times to seconds."""
+        marked = (each for each in self.columns.schema if (each.metadata or {}).items() >= CLOCK_MARK.items())
+        return frozenset(each.name for each in marked)
+
+    @cached_property
+    def guesses(self) -> list[Role]:
+        """Guessed quantity of each column, see `guess_columns`."""
+        return guess_columns(self.names, self.clocks)
 
     def numbers(self, name: str) -> FloatArray:
         """Return a column as numbers, shape (n,), read-only; text is converted once.
@@ -326,7 +334,8 @@ def table_of(file: FileColumns, path: Path) -> Table:
     if columns.num_rows == 0:
         raise InputError(f"{path}: no rows of data")
     columns, clocks = with_seconds(columns, file.decimal)
-    return Table(path, columns, rows, file.decimal, (*notes, *clocks), file.row_word, file.preamble)
+    changed = {"columns": columns, "notes": (*notes, *clocks), "rows": rows}
+    return Table(path=path, **vars(file) | changed)
 
 
 def _is_text(path: Path) -> bool:

@@ -137,7 +137,7 @@ def _repeated_names(names: Sequence[str]) -> list[dict[str, int]]:
 
 _BLANKS = "[\u00a0\u202f]"  # blanks that may precede AM and PM
 _DAY_S = 86400.0
-_MARK = {b"clock": b"s"}  # metadata of columns converted to seconds, whose names may state another unit
+CLOCK_MARK = {b"clock": b"s"}  # metadata of columns converted to seconds, whose names may state another unit
 
 
 def _with_nanoseconds(columns: pa.Table) -> tuple[pa.Table, list[str]]:
@@ -153,7 +153,7 @@ def _with_nanoseconds(columns: pa.Table) -> tuple[pa.Table, list[str]]:
             whole, part = (pc.cast(column, pa.float64()) for column in (columns.column(place), columns[name]))
             seconds = pc.add(pc.subtract(whole, pc.min(whole)), pc.multiply(part, 1e-9))
             clock = columns.column_names[place]
-            columns = columns.set_column(place, pa.field(clock, seconds.type, metadata=_MARK), seconds)
+            columns = columns.set_column(place, pa.field(clock, seconds.type, metadata=CLOCK_MARK), seconds)
             done.append(f"'{clock}' with '{name}'")
     return columns, done
 
@@ -197,7 +197,7 @@ def with_seconds(columns: pa.Table, decimal: str) -> tuple[pa.Table, tuple[str, 
         if parts.null_count > len(parts) - np.sum(is_filled(text)):  # keep invalid cells for error messages
             written = pc.replace_substring(seconds.cast(pa.string()), ".", decimal)
             seconds = pc.if_else(pc.is_null(parts), text, written)
-        columns = columns.set_column(place, pa.field(name, seconds.type, metadata=_MARK), seconds)
+        columns = columns.set_column(place, pa.field(name, seconds.type, metadata=CLOCK_MARK), seconds)
         done.append(f"'{name}'{order}")
     return columns, (f"clock times converted to seconds: {', '.join(done)}",) if done else ()
 
@@ -227,17 +227,6 @@ def _padded(seconds: pa.ChunkedArray) -> pa.ChunkedArray:
         pc.match_substring(seconds, ":"),
         pc.binary_join_element_wise(pc.replace_substring_regex(seconds, ":.*", ""), count, ":"),
         seconds,
-    )
-
-
-def clocks_of(columns: pa.Table) -> frozenset[str]:
-    """Return the names of columns that were converted from clock times.
-
-    Args:
-        columns: columns of a file, after `with_seconds`.
-    """
-    return frozenset(
-        field.name for field in columns.schema if (field.metadata or {}).items() >= _MARK.items()
     )
 
 

@@ -13,11 +13,10 @@ from nicegui import events, ui
 
 from palpate.common.files import atomic_write, output_folder
 from palpate.estimation.data.assign_columns import propose_columns
-from palpate.estimation.data.column_names import QUANTITIES, RUN, guess_columns
+from palpate.estimation.data.column_names import QUANTITIES, RUN
 from palpate.estimation.data.file_columns import is_session
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import Table, read_table
-from palpate.estimation.data.table_layout import clocks_of
 from palpate.estimation.data.units import SI
 from palpate.robot_io.errors import InputError
 from palpate.workbench.elements import errors_as_warnings, set_props
@@ -54,16 +53,14 @@ class ColumnGuess:
 
 def _suggest_columns(table: Table) -> list[ColumnGuess]:
     """Propose roles of the numeric columns: those that are read without options, or else by their names."""
-    guesses = guess_columns(table.names, clocks_of(table.columns))
     proposed = dict[str, tuple[str, str]]()
     with suppress(InputError):  # the form lets the user resolve what the names leave open
         proposed = propose_columns(table)
     if not proposed:
-        best = {(each.quantity, each.joint): each for each in sorted(guesses, key=lambda each: each.fit)}
-        for (quantity, joint), each in best.items():
-            proposed[each.column] = (quantity if joint is None else f"{quantity}_{joint}", each.unit)
+        best = {each.key: each for each in sorted(table.guesses, key=lambda each: each.fit)}
+        proposed = {each.column: (each.numbered, each.unit) for each in best.values()}
     columns = []
-    for each in guesses:
+    for each in table.guesses:
         if table.numeric_share(each.column) == 1.0:
             quantity, unit = proposed.get(each.column, ("", ""))
             values = ", ".join(f"{value:.4g}" for value in table.head(_SHOWN).numbers(each.column))

@@ -97,7 +97,9 @@ def test_ambiguous_column_is_asked_by_number_and_the_page_takes_every_joint(log)
     path = log("q0 [rad]", "q1 [rad]", "tau0 [Nm]", "tau1 [Nm]", "torque 1 [Nm]")
     with pytest.raises(InputError, match="may hold torque_1; choose with --column torque_1='tau1"):
         pairs(path)
-    assert pairs(path, columns={"torque_1": "torque 1 [Nm]"}) == [(0, 2, 1.0), (1, 4, 1.0)]
+    choice = {"torque_1": "torque 1 [Nm]"}
+    assert pairs(path, columns=choice) == [(0, 2, 1.0), (1, 4, 1.0)]
+    assert import_file(path, ImportOptions(columns=choice)).notes == ()  # tau1 is no candidate for joint 0
     path = log(*FROM_0)
     options = _options_of(_suggest_columns(read_table(path)))
     assert options.columns["position_0"] == "position_0_rad"
