@@ -15,8 +15,9 @@ registers are read and written through id 7FF, and a CAN timeout that fires swit
 
 Robstride: frames with 29 bit ids, parameters, and unrequested fault frames. Written from RobStride's "User
 Manual" of RS00 to RS06 (2026-04-28), section 4.1: bits 28 to 24 of an id are the frame's type, bits 7 to 0
-its receiver. A state (type 2) has, from high to low bits, the mode, six fault bits and the motor's id. A
-motor that has a fault, or receives nothing for its canTimeout (3.3.6), goes to reset mode.
+its receiver. A state (type 2) has, from high to low bits, the mode, six fault bits and the motor's id. Beyond
+four turns its position continues at the other end (4.2.3), mechPos does not. A motor that has a fault, or
+receives nothing for its canTimeout (3.3.6), goes to reset mode.
 """
 
 import struct
@@ -310,10 +311,10 @@ class EmulatedRobstride(EmulatedMitMotor):
         self._fault_reports.append(self._message(21, self.number, struct.pack("<II", faults, 0)))
 
     def _reply(self) -> can.Message:
-        measured = self.measured
+        measured, limit_rad = self.measured, self._position_limit
         data = struct.pack(
             ">4H",
-            _to_uint(measured.position_rad, self._position_limit, 16),
+            _to_uint((measured.position_rad + limit_rad) % (2.0 * limit_rad) - limit_rad, limit_rad, 16),
             _to_uint(measured.velocity_rad_s, self._velocity_limit, 16),
             _to_uint(measured.torque_nm, self._torque_limit, 16),
             251,  # tenths of a degree Celsius

@@ -92,11 +92,29 @@ def test_short_frames_and_foreign_ids_are_counted_separately(make_robot):
 
 
 def test_position_at_the_end_of_the_wire_range_is_saturated(make_robot):
-    ranges = "ranges: {position_rad: 1.0, velocity_rad_s: 50, torque_nm: 25}"
+    ranges = "ranges: {position_rad: 10.0, velocity_rad_s: 50, torque_nm: 25}"
     arm = make_robot(CUBEMARS, [("motor_id: 1, model: AK70-10", f"motor_id: 1, model: AK70-10, {ranges}")])
+    arm.motors[0]._zero_rad = -5.0
     arm.robot.configure()
-    # Joint 1 stands at 0.87 rad, the motor at 1.75.
+    # Joint 1 stands at 0.87 rad, the motor at 11.75.
     assert arm.ticks(3, None).encoder_status is Status.SATURATED
+
+
+@pytest.mark.parametrize("path", [CUBEMARS, DAMIAO, ROBSTRIDE], ids=lambda path: path.stem)
+@pytest.mark.parametrize("end", [-1, 1])
+def test_motor_that_passes_the_end_of_its_range_has_no_known_position(make_robot, path, end):
+    """Robstride's continue at the other end, and were read 12.6 rad off as healthy."""
+    arm = make_robot(path).start()
+    step_rad, passed = end * arm.period_s * 6.0, False  # at the velocity limit
+    for _ in range(1500):
+        arm.motors[0]._zero_rad -= step_rad
+        measurement, motor = arm.tick(), arm.motors[0]
+        passed |= measurement.encoder_status is Status.SATURATED
+        if measurement.encoder_status is Status.OK:
+            assert not passed
+            assert measurement.joint_position_rad[0] == pytest.approx(motor.shaft.position_rad / 2, abs=0.02)
+    assert passed
+    assert "joint 1 (motor 1): was at the end of its range of 12.5" in arm.problem
 
 
 def test_late_motor_is_examined_as_present(make_robot):

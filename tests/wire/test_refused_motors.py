@@ -5,7 +5,7 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 
-from palpate.robot_io.errors import DeviceError
+from palpate.robot_io.errors import DeviceError, InputError
 from palpate.sim_backend.emulators import FaultKind
 from palpate.sim_backend.emulators.mit import ROBSTRIDE_TIMEOUT
 from tests.wire.parts import CUBEMARS, DAMIAO, MOTEUS, ODRIVE, ROBSTRIDE, SO101, V0_5
@@ -57,7 +57,7 @@ AT_CONFIGURING = [  # robot file, its changes, the second motor or servo 3, what
     ),
     # States end at four turns of the output.
     (
-        *(ROBSTRIDE, [("motor_id: 2,", "motor_id: 2, zero_rad: 8.0,")], has()),
+        *(ROBSTRIDE, (), has(_zero_rad=8.0)),
         r"joint 2 .*: its mechPos is .* rad at the joint, but its messages report",
     ),
     (MOTEUS, (), has(home=0), "joint 2 .motor 2.: has no reference for its position"),
@@ -94,6 +94,28 @@ def test_device_that_differs_from_the_robot_file_is_refused(make_robot, path, ch
     spoil(arm.servos[3] if path is SO101 else arm.motors[1])
     with pytest.raises(DeviceError, match=problem):
         arm.robot.configure()
+
+
+@pytest.mark.parametrize(
+    ("path", "model", "mounting", "said"),
+    [  # ranges and gears in the joint's angle; a stop takes 0.305 s from 6 rad/s, Damiao's from 3.5
+        (ROBSTRIDE, "RS03", (3, -2.0), r"position_max_rad entry 1: joint 1 \(motor 1\).* at most 0\.36"),
+        (ROBSTRIDE, "RS03", (3, 3.6), r"position_min_rad entry 1: joint 1 \(motor 1\).* at least 1\.24"),
+        (ROBSTRIDE, "RS03", (2, 0.0), None),
+        (CUBEMARS, "AK70-10", (2.6, 0.0), r"reports -4\.81 to 4\.81 rad, .* 1\.83 rad more.* at most 2\.98"),
+        (CUBEMARS, "AK70-10", (2.5, 0.0), None),
+        (CUBEMARS, "AK70-10", (2.6, 0.2), None),
+        (DAMIAO, "DM-J4340", (3.2, 0.0), r"line \d+.* at most 2\.84"),
+    ],
+)
+def test_limits_that_a_stop_may_pass_beyond_the_range_of_positions_are_refused(
+    make_robot, path, model, mounting, said
+):
+    """Past the end of its range, a motor within its limits was 8.4 rad from where it reported to be."""
+    old = f"motor_id: 1, model: {model}, gear_ratio: 2"
+    new = "motor_id: 1, model: {}, gear_ratio: {}, zero_rad: {}".format(model, *mounting)
+    with pytest.raises(InputError, match=said) if said else nullcontext():
+        make_robot(path, [(old, new)])
 
 
 @pytest.mark.parametrize(

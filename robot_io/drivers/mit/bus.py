@@ -18,6 +18,7 @@ from palpate.robot_io.drivers.mit.protocol import (
 from palpate.robot_io.drivers.mit.settings import MitBusSettings
 from palpate.robot_io.errors import DeviceError, DeviceTimeoutError, ProtocolError
 from palpate.robot_io.examination import Finding, fail, ok
+from palpate.robot_io.files.file_model import input_error
 
 _SAME_RANGE = 1e-3  # relative tolerance between a motor's own range and the stated one
 _SAME_POSITION_RAD = 0.02  # between two answers of a motor without torque
@@ -43,11 +44,43 @@ class MitBus(PolledMotorBus[MitState]):
             else validated.dialect.models[motor.model]
             for motor in validated.motors
         ]
+        # Beyond this angle of its shaft, a motor may pass the end of its range until its next state [rad].
+        self._last_rad = [
+            ranges.position_rad - motor.gear_ratio * fastest * self._limits.encoder_age_s
+            for ranges, motor, fastest in zip(
+                self._ranges, self._motors, self._limits.velocity_rad_s, strict=True
+            )
+        ]
+        self._has_left_range = [False] * len(validated.motors)
+        self._check_position_ranges(context)
         answer_ids = {motor.motor_id: validated.answer_ids(motor) for motor in validated.motors}
         self._frames = validated.dialect.frames(validated.host, answer_ids)
         self._alarms = [0] * len(validated.motors)  # errors reported without a request
         self._register_asked: tuple[int, MotorRegister] | None = None  # joint and register
         self._register_values: list[float] = []
+
+    def _check_position_ranges(self, context: DriverContext) -> None:
+        """Raise `InputError` if a stop at a position limit could end beyond the range of a motor's positions.
+
+        At the end of its range a motor repeats the last number, or continues at the other end.
+        """
+        limits, document = self._limits, context.robot_file.document
+        stop_s = limits.encoder_age_s + context.robot_file.safe_state.stop_time_s
+        for joint, (motor, ranges) in enumerate(zip(self._motors, self._ranges, strict=True)):
+            half_rad, stop_rad = ranges.position_rad / motor.gear_ratio, limits.velocity_rad_s[joint] * stop_s
+            for key, sign, most in (("position_min_rad", -1, "least"), ("position_max_rad", 1, "most")):
+                limit_rad = getattr(limits, key)[joint]
+                valid_rad = motor.zero_rad + sign * (half_rad - stop_rad)
+                if sign * (limit_rad - valid_rad) > 0.0:
+                    raise input_error(
+                        document,
+                        ("limits", key, joint),
+                        f"{self.motor_label(joint)} reports {motor.zero_rad - half_rad:.2f} to "
+                        f"{motor.zero_rad + half_rad:.2f} rad, and a stop takes up to {stop_rad:.2f} rad "
+                        f"more: write at {most} {valid_rad:.2f}, lower velocity_rad_s or "
+                        "safe_state.stop_time_s, or change the motor's zero_rad or gear_ratio",
+                        limit_rad,
+                    )
 
     def _joint_of(self, frame: CanFrame) -> int | None:
         sender = self._frames.sender(frame)
@@ -75,7 +108,8 @@ class MitBus(PolledMotorBus[MitState]):
     def _store_state(self, joint: int, state: MitState, requested_s: float) -> None:
         self._store_motion(joint, state.position_rad, state.velocity_rad_s, requested_s)
         self._store_torque(joint, state.torque_nm, requested_s)
-        self._at_range_end[joint] = state.at_range_end
+        self._has_left_range[joint] |= abs(state.position_rad) > self._last_rad[joint]
+        self._at_range_end[joint] = state.at_range_end or self._has_left_range[joint]
         fault, error = self._dialect.encoder_fault, state.error
         is_fault = error & fault if fault and self._dialect.errors_are_bits else error == fault
         self._motion_is_wrong[joint] = bool(is_fault)
@@ -90,6 +124,13 @@ class MitBus(PolledMotorBus[MitState]):
             return super()._foreign_remedy
         ids = ", ".join(f"0x{self._settings.answer_ids(motor)[0]:03X}" for motor in self._motors)
         return f"set the master id of each motor ({ids} according to the robot file), or state its answer_id"
+
+    def _hint(self, joint: int) -> str:
+        """See `MotorBus._hint`; from the end of its range on, a motor's turn is unknown."""
+        if not self._has_left_range[joint]:
+            return ""
+        end_rad = self._ranges[joint].position_rad
+        return f"was at the end of its range of {end_rad:.2f} rad: turn it back, then start again"
 
     def _error_names(self, error: int) -> str:
         return self._dialect.error_names(error)
