@@ -132,36 +132,15 @@ def read_groups(content: Mapping[str, Any], path: Path) -> FileColumns:
     Raises:
         InputError: there are no vectors.
     """
-    if runs := _struct_runs(content):
+    named = {str(name): value for name, value in content.items() if not str(name).startswith("__")}
+    if runs := _struct_runs(named):
         (first, _), *_ = runs
         note = f"{len(runs)} groups with the same columns, read as runs: {first} ..."
         parts = [with_run(arrow_table(columns, path), label) for label, columns in runs]
         return FileColumns(pa.concat_tables(parts, promote_options="permissive"), notes=(note,))
-    vectors: dict[str, NDArray[Any]] = {}
-    named = [(k, v) for k, v in content.items() if isinstance(k, str) and not k.startswith("__")]
-    # Fields of several structs, such as force.Data and way.Data, are named by their structs too.
-    fields, nested = Counter[str](), deque(value for _, value in named)
-    while nested:
-        if isinstance(value := nested.popleft(), Mapping):
-            fields.update(map(str, value))
-            nested += value.values()
-    pending = deque[tuple[str, Any]](named)
-    while pending:
-        name, value = pending.popleft()
-        if isinstance(value, Mapping) and {"time", "signals"} <= set(value):
-            pending += _scope_signals(value)
-        elif isinstance(value, Mapping):
-            pending += [
-                (f"{name}.{key}" if str(key) in vectors or fields[str(key)] > 1 else str(key), v)
-                for key, v in value.items()
-            ]
-        elif isinstance(value, np.ndarray):
-            cells = value.tolist() if value.ndim == 1 and value.dtype == object else []
-            shapes = [*{np.shape(cell) for cell in cells}]
-            array = np.array(cells) if len(shapes) == 1 and len(shapes[0]) == 1 else value
-            vectors |= _vectors(name, array)
+    vectors = _nested_vectors(named)
     if not vectors:
-        held = list_first([f"{name} ({_kind_of(value)})" for name, value in named])
+        held = list_first([f"{name} ({_kind_of(value)})" for name, value in named.items()])
         only = f", only {held}" if held else ""
         raise InputError(
             f"{path}: holds no vectors{only}; a measurement needs at least three: time, motion and effort"
@@ -203,20 +182,19 @@ def _scope_signals(scope: Mapping[str, Any]) -> list[tuple[str, Any]]:
     return named
 
 
-def _struct_runs(content: Mapping[str, Any]) -> list[tuple[str, dict[str, NDArray[Any]]]]:
+def _struct_runs(items: Mapping[str, Any]) -> list[tuple[str, dict[str, NDArray[Any]]]]:
     """Return the groups with the same columns, which are runs, by label; empty if there are none.
 
     Groups without a clock are runs only if their labels differ by a number, such as "demo_0" and "demo_1",
     which is not that of a joint. If a group around them has a clock, they are parts of one measurement.
     """
     groups: dict[tuple[str, ...], list[tuple[str, dict[str, NDArray[Any]]]]] = {}
-    items = {str(name): value for name, value in content.items() if not str(name).startswith("__")}
-    is_timed = _has_clock(_nested_vectors(items))
+    is_timed = _has_clock(_nested_vectors(items, 0))
     pending = deque((label, value, is_timed) for label, value in items.items())
     while pending:
         label, value, is_timed = pending.popleft()
         if isinstance(value, Mapping):
-            own = _nested_vectors(value)
+            own = _nested_vectors(value, 0)
             for vectors in (own, _nested_vectors(value, _MAX_NESTED)):
                 lengths = {len(vector) for vector in vectors.values()}
                 has_clock = _has_clock(vectors)
@@ -240,15 +218,30 @@ def _has_clock(names: Iterable[str]) -> bool:
     return any(guess.key == TIME for guess in guess_columns(list(names)))
 
 
-def _nested_vectors(group: Mapping[str, Any], depth: int = 0) -> dict[str, NDArray[Any]]:
-    """Return the vectors of a group and of the groups in it, down to a depth, by their own names."""
+def _nested_vectors(group: Mapping[str, Any], depth: float = math.inf) -> dict[str, NDArray[Any]]:
+    """Return the vectors of a group and of the groups in it, down to a depth, by their own names.
+
+    A name that several of the inner groups have follows that of its group: force.Data and way.Data.
+    """
     vectors: dict[str, NDArray[Any]] = {}
-    for key, part in group.items():
+    items: list[tuple[tuple[str, ...], Any]] = [((str(key),), part) for key, part in group.items()]
+    for path, part in items:  # grows by the items of inner groups
+        if isinstance(part, Mapping) and len(path) <= depth:
+            is_scope = {"time", "signals"} <= set(part)
+            inner = _scope_signals(part) if is_scope else part.items()
+            items += [((*path, str(key)), value) for key, value in inner]
+    inner_names = Counter(path[-1] for path, _ in items if len(path) > 1)
+    names: dict[tuple[str, ...], str] = {}
+    for path, part in items:
+        outer, name = path[:-1], path[-1]
+        if outer and (inner_names[name] > 1 or name in vectors):
+            name = f"{names[outer]}.{name}"
+        names[path] = name
         if isinstance(part, np.ndarray):
-            vectors |= _vectors(str(key), part)
-        elif depth and isinstance(part, Mapping):
-            nested = _nested_vectors(part, depth - 1)
-            vectors |= {f"{key}.{name}" if name in vectors else name: v for name, v in nested.items()}
+            cells = part.tolist() if part.ndim == 1 and part.dtype == object else []
+            shapes = [*{np.shape(cell) for cell in cells}]
+            array = np.array(cells) if len(shapes) == 1 and len(shapes[0]) == 1 else part
+            vectors |= _vectors(name, array)
     return vectors
 
 

@@ -157,7 +157,7 @@ class ColumnAssignment:
         }
         return roles | {name: what for name, what in ((self.run, RUN), (self.phase, PHASE)) if name}
 
-    @property
+    @cached_property
     def matched(self) -> str:
         """Short description of the assignment; empty if all columns have palpate's own names."""
         if all(_own_name(source.column) for source in self.assigned.values()):

@@ -54,11 +54,6 @@ class ChannelSource:
         """Number of the joint in the file, or `NO_JOINT`."""
         return self.position[1]
 
-    @property
-    def keys(self) -> tuple[Key, ...]:
-        """All columns that the channel uses if the file has them."""
-        return self.position, self.effort, ("velocity", self.joint), ("acceleration", self.joint)
-
 
 def channel_sources(columns: ColumnAssignment) -> list[ChannelSource]:
     """Return the channels for which there are columns, at least one.
@@ -119,7 +114,9 @@ def check_options_are_used(
     Raises:
         InputError: no channel uses a quantity that the user named.
     """
-    used = {TIME, *(key for source in sources for key in source.keys)}
+    used = {TIME}
+    for source in sources:
+        used |= {source.position, source.effort, ("velocity", source.joint), ("acceleration", source.joint)}
     for key, assigned in columns.assigned.items():
         if key in used:
             continue

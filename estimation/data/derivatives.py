@@ -173,12 +173,9 @@ def rounding_variance(time_s: FloatArray, position: FloatArray, piece: IntArray,
         x, t = position[rows], time_s[rows]
         before = np.flatnonzero(np.diff(x))
         if len(before):
-            error[rows] = x - np.interp(t, _middles(t, before), _middles(x, before))
+            middle_t, middle_x = (0.5 * (signal[before] + signal[before + 1]) for signal in (t, x))
+            error[rows] = x - np.interp(t, middle_t, middle_x)
     return float(np.mean(error[waits] ** 2))
-
-
-def _middles(signal: FloatArray, before: IntArray) -> FloatArray:
-    return np.asarray(0.5 * (signal[before] + signal[before + 1]))
 
 
 def position_error(

@@ -14,13 +14,10 @@ import numpy as np
 import pyarrow as pa
 from python_calamine import CalamineSheet, CalamineWorkbook
 
-from palpate.estimation.data.column_names import is_unnamed
 from palpate.estimation.data.file_columns import FileColumns, check_size, list_first
 from palpate.estimation.data.table_layout import matching_places, with_run
 from palpate.estimation.data.text_dialect import (
-    IN_ROWS,
     MIN_NUMBERS,
-    NAMELESS,
     TableBlock,
     TableLayout,
     are_signals,
@@ -29,7 +26,6 @@ from palpate.estimation.data.text_dialect import (
     is_footer,
     is_number,
     numbered_names,
-    preamble_notes,
     same_columns,
     thousands_ambiguity,
 )
@@ -86,7 +82,6 @@ def read_excel_table(path: Path, selected: str) -> FileColumns:
     same_tables = [tables[place] for place in chosen]
     first = max(same_tables, key=lambda table: len(table.rows))
     layout = first.layout
-    notes = [NAMELESS] if all(map(is_unnamed, layout.names)) else []
     rows = list[list[Any]]()
     for table in same_tables:
         order = matching_places(table.layout.names, layout.names)
@@ -106,8 +101,7 @@ def read_excel_table(path: Path, selected: str) -> FileColumns:
             begin += len(table.rows)
         joined = pa.concat_tables(parts)
     listed = list_first([repr(name) for name in names])
-    notes += [f"sheet{'s' if len(names) > 1 else ''} {listed} of {len(book.sheet_names)}", *omitted]
-    notes += [*preamble_notes(len(first.preamble)), *([IN_ROWS] if first.in_rows else [])]
+    notes = [f"sheet{'s' if len(names) > 1 else ''} {listed} of {len(book.sheet_names)}", *omitted]
     numbers = np.array([number for table in same_tables for number in table.numbers], dtype=np.int64)
     row_word = "column" if first.in_rows else "row"
     return FileColumns(

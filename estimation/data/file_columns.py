@@ -38,7 +38,7 @@ class FileColumns:
     titles: tuple[str, ...] = ()  # text above each column's name, such as the name of a test
     # Number of each row in the file, as an editor or spreadsheet shows it, shape (n,); None to count from 1.
     rows: IntArray | None = None
-    row_word: str = "row"  # unit of these numbers: "row" or "line"
+    row_word: str = "row"  # unit of these numbers: "row", "line", or "column" if each row holds a signal
     preamble: tuple[str, ...] = ()  # lines above the header
 
 

@@ -119,14 +119,8 @@ def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> ImportedD
     sources = channel_sources(columns)
     check_options_are_used(columns, sources, options)
     rows = arrange_rows(columns, fresh=options.fresh, count=options.runs)
-    context = _context_signals(columns, rows, options)
     notes = [*columns.notes, *filter(None, ["; ".join(rows.notes)])]
-    notes += [
-        f"column '{name}' is kept as the signal recorded_{_signal_name(name)}, since palpate computes a "
-        f"signal {_signal_name(name)} itself"
-        for name in options.context
-        if _signal_name(name) in _RESERVED_SIGNALS
-    ]
+    context = _context_signals(columns, rows, options, notes)
     if any(source.kind is ChannelKind.SERVO for source in sources):
         notes.append(
             "no column holds an effort; goal minus position [rad] is used instead, which is the "
@@ -155,16 +149,20 @@ def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> ImportedD
 
 
 def _context_signals(
-    columns: ColumnAssignment, rows: ImportedRows, options: ImportOptions
+    columns: ColumnAssignment, rows: ImportedRows, options: ImportOptions, notes: list[str]
 ) -> dict[str, FloatArray]:
-    """Return the columns to keep as context, shape (n,) each, by the names of their signals."""
+    """Return the columns to keep as context, shape (n,) each, by their names in a session."""
     signals: dict[str, str] = {}
     for column in options.context:
         if column in columns.used:
             listed = ", ".join(columns.unused) or "none"
             raise InputError(f"--context {column}: this column is already used. Unused columns: {listed}")
-        name = _signal_name(column)
+        name = re.sub(r"\W+", "_", column, flags=re.ASCII)[:_MAX_SIGNAL_LENGTH]
         if name in _RESERVED_SIGNALS:
+            notes.append(
+                f"column '{column}' is kept as the signal recorded_{name}, since palpate computes a signal "
+                f"{name} itself"
+            )
             name = f"recorded_{name}"
         earlier = signals.setdefault(name, column)
         if earlier != column:
@@ -172,11 +170,6 @@ def _context_signals(
                 f"--context {column}: this column and '{earlier}' would both be the signal {name}; rename one"
             )
     return {name: columns.table.numbers(column)[rows.order] for name, column in signals.items()}
-
-
-def _signal_name(column: str) -> str:
-    """Convert a column name to a signal name that a session can store."""
-    return re.sub(r"\W+", "_", column, flags=re.ASCII)[:_MAX_SIGNAL_LENGTH]
 
 
 def chosen_texts(name: str, given: str, texts: Collection[str], place: str) -> list[str]:

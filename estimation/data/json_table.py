@@ -8,9 +8,9 @@ from typing import Any, TypeGuard
 import numpy as np
 
 from palpate.estimation.data.array_files import arrow_table, matrix_columns
-from palpate.estimation.data.column_names import RUN, TIME, guess_columns, is_unnamed, split_unit
+from palpate.estimation.data.column_names import RUN, TIME, guess_columns, split_unit
 from palpate.estimation.data.file_columns import FileColumns, check_size
-from palpate.estimation.data.text_dialect import NAMELESS, numbered_names
+from palpate.estimation.data.text_dialect import numbered_names
 from palpate.estimation.data.text_table import as_utf8
 from palpate.robot_io.errors import InputError
 
@@ -62,9 +62,8 @@ def read_json(path: Path) -> FileColumns:
         for name, cells in columns.items()
         if not any(map(_is_nested, cells))
     }
-    notes = [NAMELESS] if all(map(is_unnamed, flat)) else []
-    notes += [f"columns of other lengths left out: {', '.join(other_lengths)}"] if other_lengths else []
-    return FileColumns(arrow_table(flat, path), notes=tuple(notes))
+    omitted = (f"columns of other lengths left out: {', '.join(other_lengths)}",) if other_lengths else ()
+    return FileColumns(arrow_table(flat, path), notes=omitted)
 
 
 def _truth_as_text(cells: list[Any]) -> list[Any]:

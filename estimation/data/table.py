@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from palpate.estimation.data.array_files import read_groups, read_mat, read_npz, read_parquet
-from palpate.estimation.data.column_names import Role, guess_columns
+from palpate.estimation.data.column_names import RUN, Role, guess_columns, is_unnamed
 from palpate.estimation.data.file_columns import (
     BAGS,
     FileColumns,
@@ -39,7 +39,13 @@ from palpate.estimation.data.table_layout import (
     with_run,
     with_seconds,
 )
-from palpate.estimation.data.text_dialect import MIN_UNMARKED, TableBlock, same_columns, thousands_ambiguity
+from palpate.estimation.data.text_dialect import (
+    MIN_UNMARKED,
+    NAMELESS,
+    TableBlock,
+    same_columns,
+    thousands_ambiguity,
+)
 from palpate.estimation.data.text_table import as_utf8, number_of, read_text_table
 from palpate.estimation.data.units import describe_fault, invalid_rows
 from palpate.robot_io.errors import InputError, UnknownNameError
@@ -316,7 +322,12 @@ def table_of(file: FileColumns, path: Path) -> Table:
         if name != f"column {place + 1}" or is_filled(columns.column(place)).any()
     ]
     columns = columns.select(used)
-    names, notes = columns.column_names, [*file.notes]
+    names, lines = columns.column_names, len(file.preamble)
+    is_nameless = {is_unnamed(name) for name in names if name != RUN} == {True}
+    notes = [NAMELESS] if is_nameless and NAMELESS not in file.notes else []
+    notes += [f"{lines} line{'s' if lines > 1 else ''} above the header"] if lines else []
+    notes += ["each row holds a signal"] if file.row_word == "column" else []
+    notes += file.notes
     rows = np.arange(1, columns.num_rows + 1) if file.rows is None else file.rows
     tests = find_tests(names)
     pairs = [(tests[0][name], place) for test in tests for name, place in test.items()]

@@ -32,7 +32,6 @@ NUMBER = {  # pattern by decimal mark; the other mark may separate thousands
 MIN_UNMARKED = 100.0  # least number without a decimal mark that may come before "1.000"
 _ALIKE = 3  # consecutive lines that are checked to be a table
 MIN_SIGNALS = 3  # least number of signals in rows: time, motion and effort
-IN_ROWS = "each row holds a signal"
 MIN_NUMBERS = 2  # least number of numbers in such a line
 _MAX_SETTINGS = 4  # most rows between the names and the numbers
 _MAX_TITLES = 3  # rows above the names in which titles of tests, or names of single columns, are searched
@@ -78,15 +77,13 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[TableL
         if not is_body or was_body:
             continue
         width = max(len(_strip_empty(row)) for row in body)
-        # Remarks with one entry per column, such as "# columns: a b c", the lowest first.
-        above = []
+        remarks = dict[str, Sequence[str]]()  # with one entry per column, such as "# columns: a b c"
         for row in reversed(rows[:first]):
             is_remark = bool(row) and row[0].endswith(":")
             if not is_remark and sum(_are_numbers(row, decimal)) >= MIN_NUMBERS:
                 break  # another table
             if is_remark and len(row) == width + 1:
-                above.append(row)
-        remarks = {row[0].rstrip(":").lower(): row[1:] for row in reversed(above)}
+                remarks.setdefault(row[0].rstrip(":").lower(), row[1:])
         if "columns" in remarks:
             yield TableLayout(_with_units(remarks["columns"], remarks.get("units", ())), first, first - 1)
             continue
@@ -176,15 +173,6 @@ def _with_units(names: Sequence[str], units: Sequence[str]) -> tuple[str, ...]:
     """Append a unit in brackets to each name that has one; missing units are at the end."""
     pairs = zip_longest(names, units, fillvalue="")
     return tuple(f"{name} [{unit}]" if unit else name for name, unit in pairs)
-
-
-def preamble_notes(lines: int) -> tuple[str, ...]:
-    """Describe the lines before the names, if there are any.
-
-    Args:
-        lines: number of lines.
-    """
-    return (f"{lines} line{'s' if lines > 1 else ''} above the header",) if lines else ()
 
 
 def are_signals(rows: Sequence[Sequence[str]], decimal: str) -> bool:
@@ -325,7 +313,6 @@ class TextDialect:
         """Differences from a plain CSV file."""
         names = {";": "semicolons", "\t": "tabs", "|": "bars", BLANKS: "blanks"}
         parts = [f"cells separated by {names[self.delimiter]}"] if self.delimiter in names else []
-        parts += [NAMELESS] if all(map(is_unnamed, self.tables[0].names)) else []
         return (*parts, *(["decimal commas"] if self.decimal == "," else []))
 
 
@@ -415,15 +402,16 @@ def _dialect(lines: list[tuple[int, str]], delimiter: str) -> TextDialect:
     tables = []
     for layout in find_layouts(rows, decimal):
         # Use as many names as the rows have cells: both may end with the delimiter or a remark.
-        width, names = max(len(row) for row in rows[layout.first :][:3]), list(layout.names)
+        body = rows[layout.first : layout.first + _ALIKE]
+        width, names = max(map(len, body)), list(layout.names)
         is_remark = any(not is_unnamed(word) for word in names[width:])  # words beyond the last column
-        numbers = max(sum(_are_numbers(row, decimal)) for row in rows[layout.first :][:3])
+        numbers = max(sum(_are_numbers(row, decimal)) for row in body)
         is_split = numbers < MIN_NUMBERS  # as a date and a clock are
         if delimiter == BLANKS and (is_split or (is_remark and not _is_measurement(names))):
             continue
         names += numbered_names(width)[len(names) :]
         head, start = (lines[row][0] for row in (layout.header, layout.first))
-        counts = is_number(rows[layout.first][0], decimal)
+        counts = is_number(body[0][0], decimal)
         tables.append(TextTable(tuple(names[:width]), head, start, layout.titles, counts, numbers))
     return TextDialect(delimiter, decimal, tuple(tables))
 

@@ -21,8 +21,6 @@ from palpate.estimation.data.table_layout import matching_places, with_run
 from palpate.estimation.data.text_dialect import (
     BLANKS,
     DELIMITERS,
-    IN_ROWS,
-    NAMELESS,
     TableBlock,
     TextDialect,
     TextTable,
@@ -34,7 +32,6 @@ from palpate.estimation.data.text_dialect import (
     is_number,
     line_cells,
     numbered_names,
-    preamble_notes,
     same_columns,
 )
 from palpate.robot_io.errors import InputError
@@ -93,8 +90,8 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
     tests = [block for place in chosen for block in _blocks(content, *filled[place], dialect.delimiter)]
     lead = content[: tests[0][0].head if chosen[0] == 0 else 0].decode(errors="replace").splitlines()
     preamble = tuple(line.strip() for line in lead if line.strip())
-    notes = [IN_ROWS] if columns_of_rows else [_ALIGNED] if is_aligned else [*dialect.notes]
-    notes += [*preamble_notes(len(preamble)), *note]
+    notes = [] if columns_of_rows else [_ALIGNED] if is_aligned else [*dialect.notes]
+    notes += note
     notes += [f"a footer of {len(footer)} line{'s' if len(footer) > 1 else ''}"] if footer else []
     notes += [f"{empty} empty row{'s' if empty > 1 else ''} at the end left out"] if empty else []
     notes += [f"text in {encoding}"] if encoding else []
@@ -353,8 +350,7 @@ def _only_column(content: bytes) -> FileColumns | None:
         return None
     name = header[0].strip('"') if header else numbered_names(1)[0]
     column = pa.table({name: pa.array([lines[number] for number in filled])})
-    notes = () if header else (NAMELESS,)
-    return FileColumns(column, decimal, notes, rows=1 + np.array(filled), row_word="line")
+    return FileColumns(column, decimal, rows=1 + np.array(filled), row_word="line")
 
 
 def _raise_no_table(content: bytes, path: Path) -> TextDialect:

@@ -228,6 +228,7 @@ def test_blocks_between_comments_are_runs_of_one_table(tmp_path, mark, names):
     assert len(table) == 3 * len(lines)
     assert table.labels("run")[0] == ("1", "2", "3")
     assert table.names[0] == ("Time [s]" if names else "column 1")
+    assert ("no names of columns" in table.notes) == (not names)
 
 
 @pytest.mark.parametrize("single", [[], [*LINES[50:51], "# end of pause\n"]])
