@@ -262,7 +262,19 @@ class FormCriteria:
         # The predictions of laws are added, so they cannot explain a product of two effects.
         is_better = fit.held_out_mean_square < AS_GOOD * by_laws
         without = self._search.without(fit, test.effect)
-        return test.kind in PHYSICAL_KINDS and is_better and without.held_out_mean_square > by_laws
+        if test.kind in PHYSICAL_KINDS and is_better and without.held_out_mean_square > by_laws:
+            return True
+        return self._completes_form(effect, without)
+
+    def _completes_form(self, effect: Effect, without: FitResult) -> bool:
+        """Return whether the other parts of a composite effect have no known form without an effect."""
+        # The law of the composite effect's kind explains the error of each part.
+        composites = [
+            c for c in self._search.effects if c.kind in self._partial.kinds and effect.name in c.parts
+        ]
+        parts = {part for composite in composites for part in composite.parts}
+        tests = form_tests(self._partial, without) if parts else []
+        return any(test.effect in parts and not test.is_known for test in tests)
 
     def _replacement_thresholds(self, entry: BudgetEntry) -> Iterator[float]:
         """Yield the mean square that an effect must explain to replace each kind: most of that of its law."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+import scipy
 
 from palpate.estimation.budget.laws import unseen_kinds
 from palpate.estimation.channel import ChannelData, ChannelKind
@@ -22,8 +23,10 @@ from palpate.estimation.fit.inner_search import (
     search_inner,
 )
 from palpate.estimation.fit.intervals import inner_slopes
+from palpate.estimation.fit.measurement_model import identify_measurement_model
+from palpate.estimation.kinds import Kind
 from palpate.estimation.model import Model
-from palpate.estimation.signals.runwise import finest_step, longest_run
+from palpate.estimation.signals.runwise import finest_step, longest_run, sample_time
 
 PROMISING = 0.3  # least improvement, relative to the best candidate's, at which a candidate is refined
 REFINED = 5  # number of candidates that are always refined
@@ -277,9 +280,31 @@ def is_misnamed(effect: Effect, solution: Solution, problem: FitProblem) -> bool
     """
     if effect.name == ToolCompliance.name and _snaps(solution, problem):
         return True
+    if effect.kind is Kind.SENSOR_DYNAMICS and _lowers_error_only_at_reversals(effect, solution, problem):
+        return True
     data = solution.model.moved(problem.blocked.data, solution.parameters)
     noise = float(np.sqrt(np.mean(solution.residual**2)))
     return effect.is_misnamed(data, solution.parameters, lambda: solution.standard_errors, noise)
+
+
+def _lowers_error_only_at_reversals(effect: Effect, solution: Solution, problem: FitProblem) -> bool:
+    """Return whether a delay or a lag, beside friction, lowers the error only where the motion reverses.
+
+    No law of friction is exact there: a joint sticks, and smoothing rounds the velocity. A sensor's delay or
+    lag acts on all readings.
+    """
+    model, blocked = solution.model, problem.blocked
+    if all(other.kind is not Kind.FRICTION for other in model.effects):
+        return False
+    data, block = blocked.data, blocked.rows.shape[1]
+    halves = (half for half in identify_measurement_model(data).filters if half is not None)
+    delay_s = sum(abs(solution.parameters[f"{effect.name}.{parameter.name}"]) for parameter in effect.inner)
+    reach = 1 + int(np.ceil((max(halves, default=0) + delay_s / sample_time(data.time_s, data.run)) / block))
+    forward = blocked.reduce(data.velocity) > 0.0
+    reverses = np.diff(forward, prepend=forward[:1]) & (np.diff(blocked.run, prepend=blocked.run[:1]) == 0)
+    away = problem.used & ~scipy.ndimage.binary_dilation(reverses, iterations=reach)
+    without = solve_gains(problem, model.without(effect.name), solution.parameters)
+    return bool(away.any() and np.sum(without.residual[away] ** 2) <= np.sum(solution.residual[away] ** 2))
 
 
 def _snaps(solution: Solution, problem: FitProblem) -> bool:
