@@ -171,6 +171,7 @@ def _frame(host_id: int, motor_id: int, data: bytes) -> CanFrame:
 
 _ARBITRATION_BITS, _DATA_BITS, _DATA_BITRATE = 48, 37, 5_000_000  # around the data, with a 29 bit id
 _COMMAND_BYTES, _ANSWER_BYTES = 32, 24
+_NO_REFERENCE = "has no reference for its position (home state 0)"
 _KNOWN_BY = {ROTOR: "the rotor alone, within one of its turns", OUTPUT: "the output"}
 
 
@@ -201,12 +202,12 @@ class MoteusBus(PolledMotorBus[MoteusState]):
     def _refuse_unreferenced(self) -> None:
         """Raise a DeviceError if a controller knows no position, or only one relative to its start."""
         for joint, state in enumerate(self._observed_states):
+            if state is not None and state.home == RELATIVE:
+                raise self._motor_error(joint, _NO_REFERENCE)
             if self._motion_is_wrong[joint]:
                 raise self._motor_error(
                     joint, f"does not know its position: {self._error_names(self._errors[joint])}"
                 )
-            if state is not None and state.home == RELATIVE:
-                raise self._motor_error(joint, "has no reference for its position (home state 0)")
 
     def _report(self) -> list[Finding]:
         self._observed_states = [None] * self.joint_count
@@ -270,7 +271,9 @@ class MoteusBus(PolledMotorBus[MoteusState]):
             raise self._not_confirmed(problem, missing())
 
     def _state_requests(self, joint: int) -> list[CanFrame]:
-        return [self._state_request_frames[joint]]
+        # A lost controller that a torque has switched on again, before it was known to be lost, is stopped.
+        is_stopped = self._lost[joint] and self._enabled[joint]
+        return [self._stops[joint] if is_stopped else self._state_request_frames[joint]]
 
     def _joint_of(self, frame: CanFrame) -> int | None:
         is_answer = frame.fd and not frame.remote and frame.can_id & 0xFF == self._settings.host_id
@@ -286,9 +289,13 @@ class MoteusBus(PolledMotorBus[MoteusState]):
     def _condition(self, state: MoteusState) -> tuple[int, bool | None]:
         return state.error, state.mode == POSITION
 
+    def _loss(self, state: MoteusState) -> str:
+        return _NO_REFERENCE if state.home == RELATIVE else super()._loss(state)
+
     def _store_state(self, joint: int, state: MoteusState, requested_s: float) -> None:
         self._observed_states[joint] = state
-        self._motion_is_wrong[joint] = not state.is_known or state.error in ENCODER_FAULTS
+        is_relative = state.home == RELATIVE
+        self._motion_is_wrong[joint] = is_relative or not state.is_known or state.error in ENCODER_FAULTS
         if state.is_known:
             self._store_motion(joint, tau * state.position_rev, tau * state.velocity_rev_s, requested_s)
             self._store_torque(joint, state.torque_nm, requested_s)

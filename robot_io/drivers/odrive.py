@@ -432,6 +432,8 @@ class OdriveBus(MotorBus):
                 beat = odrive.decode_heartbeat(frame, self._settings.firmware)
                 self._heartbeats[joint], self._heartbeat_at_s[joint] = beat, at_s
                 self._beats[joint] += 1
+                if self._powered and not self._lost[joint]:
+                    self._lost[joint] = self._loss(beat)
                 names = odrive.axis_error_names(beat.axis_error, self._settings.firmware)
                 is_wrong = "encoder" in beat.component_errors or not _ENCODER_ERRORS.isdisjoint(names)
                 self._motion_is_wrong[joint] = is_wrong
@@ -461,6 +463,8 @@ class OdriveBus(MotorBus):
 
     def _encode_shaft(self, joint: int, torque_nm: float) -> tuple[CanFrame, float]:
         axis = self._axes[joint]
+        if self._lost[joint]:  # it may have switched itself on again
+            return odrive.encode_command(axis.node_id, OdriveCommand.SET_AXIS_STATE, AxisState.IDLE), 0.0
         motor_nm = min(max(torque_nm, -axis.max_torque_nm), axis.max_torque_nm)
         self._sent_nm[joint] = motor_nm
         return odrive.encode_input_torque(axis.node_id, motor_nm), float(np.float32(motor_nm))
@@ -474,17 +478,20 @@ class OdriveBus(MotorBus):
             f"{odrive.ENABLE_VELOCITY_LIMIT} = False"
         )
 
+    def _loss(self, beat: Heartbeat) -> str:
+        """Return what in a heartbeat shows that an axis with torque has disarmed; empty if it has not."""
+        if beat.axis_error or beat.component_errors:
+            return self._describe(beat)
+        is_armed = beat.state is AxisState.CLOSED_LOOP_CONTROL
+        return "" if is_armed else f"left closed-loop control ({beat.state.name})"
+
     def _fault(self, joint: int, now_s: float) -> str:
         if evidence := self._evidence_of_two_axes(joint):
             return f"two axes have node id {self._axes[joint].node_id}: {evidence}"
-        beat = self._heartbeats[joint]
         silent_s = now_s - self._heartbeat_at_s[joint]
         if silent_s > self._heartbeat_timeout_s:
             return f"heartbeat lost; the last one came {silent_s:.2g} s ago"
-        if beat is None or not (beat.axis_error or beat.component_errors):
-            has_left = self._powered and beat is not None and beat.state is not AxisState.CLOSED_LOOP_CONTROL
-            return f"left closed-loop control ({beat.state.name})" if has_left and beat else ""
-        return self._describe(beat) if self._powered else ""
+        return self._lost[joint]
 
 
 OdriveEncoder, OdriveTorque = joint_drivers(OdriveBus, "odrive")

@@ -247,6 +247,34 @@ def test_lost_reference_is_detected_at_the_next_activation(make_robot):
     assert [node.mode for node in arm.motors] == [0] * 3
 
 
+@pytest.mark.parametrize(
+    ("home", "encoder", "said"),
+    [
+        (2, Status.OK, "has left motor mode; has it restarted?"),
+        (0, Status.FAULT, "has no reference for its position (home state 0)"),
+    ],
+)
+def test_restarted_controller_gets_no_torque_until_the_next_activation(make_robot, home, encoder, said):
+    """The next torque switched it on again, at a position without reference that was read as healthy."""
+    arm = make_robot(MOTEUS).start()
+    arm.ticks(5, PUSH_NM)
+    arm.motors[0].home = home
+    if home:
+        arm.inject_fault("motors", FaultKind.REBOOT, device=1, times=1, delay_s=0.002)
+    for _ in range(2):
+        measurement = arm.ticks(20, PUSH_NM)
+        assert (measurement.encoder_status, measurement.torque_status) == (encoder, Status.FAULT)
+        assert f"joint 1 (motor 1): {said}" in arm.problem
+        assert (arm.motors[0].mode, arm.drive_torque_nm[0]) == (0, 0.0)
+    arm.ticks(2, None)
+    assert arm.motors[0].mode == 0
+    arm.robot.deactivate()
+    arm.motors[0].home = 2
+    arm.robot.activate()
+    assert arm.ticks(5, PUSH_NM).torque_status is Status.OK
+    assert arm.drive_torque_nm[0] == pytest.approx(PUSH_NM[0], abs=1e-5)
+
+
 def test_lost_position_is_a_fault(make_robot):
     arm = make_robot(MOTEUS).start()
     arm.motors[0].known = False

@@ -113,6 +113,20 @@ def test_axis_error_is_named_as_a_drive_fault(make_robot, changes, name):
     assert arm.tick().encoder_status is Status.OK  # the others can still be braked
 
 
+def test_restarted_axis_that_arms_itself_gets_no_torque_until_the_next_activation(make_robot):
+    """As with startup_closed_loop_control: its fault ended by itself, and its torque came back."""
+    arm = make_robot().start()
+    arm.inject_fault("motors", FaultKind.REBOOT, device=1, times=1, delay_s=0.001)
+    arm.ticks_until(lambda m: m.torque_status is Status.FAULT, torque_nm=PUSH_NM)
+    arm.motors[1].state, arm.motors[1]._control_mode = 8, 1
+    assert arm.ticks(30, PUSH_NM).torque_status is Status.FAULT
+    assert "joint 2 (node 1): left closed-loop control (IDLE)" in arm.problem
+    assert (arm.motors[1].state, arm.drive_torque_nm[1]) == (1, 0.0)
+    arm.robot.deactivate()
+    arm.robot.activate()
+    assert arm.ticks(5, PUSH_NM).torque_status is Status.OK
+
+
 def test_lost_heartbeat_is_distinguished_from_lost_estimates(make_robot):
     arm = make_robot().start()
     arm.motors[0]._heartbeat_s = 1e9

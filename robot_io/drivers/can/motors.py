@@ -65,6 +65,8 @@ class MotorBus(JointBus, Examinable):
         self._motion_at_s, self._torque_at_s = [-inf] * n, [-inf] * n
         self._at_range_end = [False] * n
         self._motion_is_wrong = [False] * n  # the motor reports that its encoder has failed
+        # What showed that a motor has restarted or switched itself off, until the torque is switched off.
+        self._lost = [""] * n
         self._last_problem = [""] * n
         self._foreign_ids: set[int] = set()
         self._staged: list[CanFrame] = []
@@ -191,7 +193,7 @@ class MotorBus(JointBus, Examinable):
 
     def power_off(self) -> None:
         self._powered = False
-        self._staged = []
+        self._staged, self._lost = [], [""] * self.joint_count
         if self.line.is_open:
             self._switch_off()
 
@@ -390,8 +392,14 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
                     self._request_states(self._joints_to_poll())
                 elif not self._flushed:
                     is_expired = self._clock.now_s() - self._commanded_s > self._watchdog_s
-                    frames = self._zero_torque() if is_expired else self._command
-                    self._send_all([frames[joint] for joint in self._joints_to_poll()])
+                    self._send_all(
+                        [
+                            self._zero_torque()[joint]
+                            if is_expired or self._lost[joint]
+                            else self._command[joint]
+                            for joint in self._joints_to_poll()
+                        ]
+                    )
             self._flushed = False
 
     def flush(self, deadline_s: float) -> None:
@@ -428,6 +436,8 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
                 self._contradictions[joint], self._last_problem[joint] = 0, ""
                 self._newest[joint] = requested[-1]
                 self._errors[joint], self._enabled[joint] = self._condition(requested[-1])
+                if self._powered and not self._lost[joint]:
+                    self._lost[joint] = next(filter(None, map(self._loss, requested)), "")
             state = self._newest[joint]
             if state is not None and not requests.is_unsure:
                 self._newest[joint] = None
@@ -437,9 +447,20 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
         if self._contradictions[joint] >= _CONTRADICTIONS:
             return f"answers more often than it is asked, with different states: {_TWO_MOTORS}"
         error = self._error(joint)
-        if not error and self._powered and self._enabled[joint] is False:
-            return "has left motor mode; has it restarted?"
-        return self._error_names(error) if error else ""
+        return self._lost[joint] or (self._error_names(error) if error else "")
+
+    def _loss(self, state: StateType) -> str:
+        """Return what in a state shows that a motor with torque has left motor mode; empty if it has not."""
+        error, is_enabled = self._condition(state)
+        if is_enabled is not False:
+            return ""
+        return self._error_names(error) if error else "has left motor mode; has it restarted?"
+
+    def _encode_torque(self, joint: int, torque_nm: float) -> tuple[CanFrame, float]:
+        """See `MotorBus._encode_torque`; a lost motor is asked: a torque could switch it on again."""
+        if self._lost[joint]:
+            return self._state_requests(joint)[0], 0.0
+        return super()._encode_torque(joint, torque_nm)
 
     def _begin_commands(self) -> None:
         """Expect commands from now on, starting with zero torque; the motors obey them."""
