@@ -1,73 +1,154 @@
 """Feedforward of joints from their fitted models: a table, and the same as Python and C source."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
 
 from palpate.common.files import write_text
-from palpate.estimation.estimate import rounded, with_unit
+from palpate.estimation.channel import ChannelData
+from palpate.estimation.estimate import Determined, rounded, with_unit
+from palpate.estimation.fit.blocks import CARRYING, LOAD
 from palpate.export.simulator import WrittenModels
 from palpate.export.target_terms import (
+    AT_ONCE,
     SYMMETRIC,
     TILT_OF_ARM,
     FittedJoint,
     TargetTerm,
     Terms,
+    TermValue,
     as_comment,
     express,
     mean_of_directions,
     named,
 )
 
-EQUATION = (
-    "effort = gravity.sine sin(q) + gravity.cosine cos(q) + inertia a + viscous v "
-    "+ coulomb.level tanh(v / coulomb.transition) "
-    "+ (stribeck.level + stribeck.rise exp(-(v / stribeck.speed)^2)) tanh(v / stribeck.transition)"
-)
+# Valid in Python and C; t are the values of a joint, and q, v and a its desired motion.
+_EQUATIONS = {
+    "weight": (
+        "t.gravity_sine * sin(q) + t.gravity_cosine * cos(q)",
+        "+ t.spring_stiffness * q + t.spring_preload",
+    ),
+    "load": ("weight + t.friction_link_share * t.inertia * a",),
+    "dry_friction": (
+        "t.friction_level + t.friction_rise * exp(-(v / t.friction_speed) * (v / t.friction_speed))",
+        "+ t.friction_sine * sin(t.friction_cycles * q) + t.friction_cosine * cos(t.friction_cycles * q)",
+        "+ t.friction_load * fabs(load)",
+    ),
+    "effort": (
+        "weight + (t.inertia + t.armature) * a + t.viscous * v + t.quadratic * v * fabs(v)",
+        "+ dry_friction * tanh(v / t.friction_transition)",
+    ),
+}
 # Values of a joint without these terms; lengths in rad (m for a linear axis), efforts in N m (N).
 _NONE = {
     "gravity_sine": 0.0,  # [effort]
     "gravity_cosine": 0.0,  # [effort]
+    "spring_stiffness": 0.0,  # [effort/length]
+    "spring_preload": 0.0,  # [effort]
     "inertia": 0.0,  # [kg m^2 or kg]
+    "armature": 0.0,  # of the rotor, not part of the load [kg m^2 or kg]
     "viscous": 0.0,  # [effort s/length]
-    "coulomb_level": 0.0,  # [effort]
-    "coulomb_transition": 1.0,  # speed over which the friction changes sign [length/s]
-    "stribeck_level": 0.0,  # [effort]
-    "stribeck_rise": 0.0,  # [effort]
-    "stribeck_speed": 1.0,  # over which the rise is gone [length/s]
-    "stribeck_transition": 1.0,  # [length/s]
+    "quadratic": 0.0,  # [effort s^2/length^2]
+    "friction_level": 0.0,  # [effort]
+    "friction_rise": 0.0,  # at low speed [effort]
+    "friction_speed": 1.0,  # over which the rise is gone [length/s]
+    "friction_sine": 0.0,  # variation with position [effort]
+    "friction_cosine": 0.0,  # [effort]
+    "friction_cycles": 0.0,  # [1/length]
+    "friction_load": 0.0,  # friction per load
+    "friction_link_share": 1.0,  # share of the inertia in the load
+    "friction_transition": 1.0,  # speed over which the friction changes sign [length/s]
 }
 _OF_ARM = "depends on all joints of the arm: add the inverse dynamics of its URDF"
 TERMS: Terms = {
-    "armature": named(inertia="inertia"),
+    "armature": named(armature="inertia"),
     "asymmetric_friction": TargetTerm(
         lambda p: {
-            **dict(zip(("coulomb_level", "viscous"), mean_of_directions(p), strict=True)),
-            "coulomb_transition": p["transition"],
+            **dict(zip(("friction_level", "viscous"), mean_of_directions(p), strict=True)),
+            "friction_transition": p["transition"],
         },
         SYMMETRIC,
     ),
-    "coulomb_friction": named(coulomb_level="force", coulomb_transition="transition"),
+    "coulomb_friction": named(friction_level="force", friction_transition="transition"),
     "gravity_tilt": named(gravity_cosine="tilt"),
     TILT_OF_ARM: _OF_ARM,
     "inertia": named(inertia="m"),
+    "joint_spring": named(spring_stiffness="k", spring_preload="preload"),
+    "load_dependent_friction": TargetTerm(
+        lambda p: {
+            "friction_load": p["mu"],
+            "friction_link_share": p.get("link_share", 1.0),
+            "friction_transition": p["transition"],
+        }
+    ),
     "payload": _OF_ARM,
     "pendulum": named(inertia="inertia", gravity_sine="gravity"),
+    "position_dependent_friction": named(
+        **{f"friction_{name}": name for name in ("level", "sine", "cosine", "cycles", "transition")}
+    ),
+    "presliding_friction": named(AT_ONCE, friction_level="force"),
+    "quadratic_friction": named(quadratic="d2"),
     "rigid_body": _OF_ARM,
     "rigid_body_fitted": _OF_ARM,
     "stribeck_friction": named(
-        stribeck_level="coulomb",
-        stribeck_rise="rise",
-        stribeck_speed="speed",
-        stribeck_transition="transition",
+        friction_level="coulomb",
+        friction_rise="rise",
+        friction_speed="speed",
+        friction_transition="transition",
     ),
     "torque_gain": "is a scale error of the torque reading: for a drive whose commands have the same scale, "
     "multiply the table by this gain",
     "viscous_friction": named(viscous="d"),
     "weight": named(gravity_sine="g1", gravity_cosine="g2"),
 }
+_UNKNOWN_LOAD = {
+    "load_dependent_friction": "needs the load, which depends on other joints or is a recorded signal"
+}
+
+
+def smallest_resolved_speed(data: ChannelData) -> float:
+    """Return the smallest speed that the data of a joint resolve [rad/s or m/s].
+
+    It is the median speed of the samples beside reversals, which sampling and velocity noise determine. If
+    the joint never reverses, it is the smallest recorded speed.
+
+    Args:
+        data: the channel of the joint.
+    """
+    velocity, speed = data.velocity, np.abs(data.velocity)
+    last = np.flatnonzero((velocity[:-1] * velocity[1:] < 0.0) & (np.diff(data.run) == 0))
+    if len(last):
+        return float(np.median(speed[np.concatenate([last, last + 1])]))
+    return float(speed.min(where=speed > 0.0, initial=1.0))
+
+
+def _values_of(joint: FittedJoint, source: str) -> tuple[dict[str, TermValue], list[str]]:
+    """Return the values of one joint, and lines on what is left out or not determined."""
+    effects, data = joint.by_effect, joint.fit.data
+    is_load_known = all(isinstance(TERMS[name], TargetTerm) for name in CARRYING & effects.keys())
+    terms = TERMS if is_load_known and LOAD not in data.recorded else {**TERMS, **_UNKNOWN_LOAD}
+    made = express([joint], terms, source)
+    values, lines = dict(made.joints[0].values), list(made.left_out)
+    for name, parameters in effects.items():
+        fitted = parameters.get("transition")
+        is_open = name == "presliding_friction" or (fitted and fitted.determined is Determined.NO)
+        if not (is_open and isinstance(terms.get(name), TargetTerm)):
+            continue
+        # Any shorter transition fits as well, but would be a jump that the data do not contain.
+        slowest, before = smallest_resolved_speed(data), values.get("friction_transition", TermValue(0.0, ()))
+        values["friction_transition"] = replace(before, number=max(before.number, slowest))
+        if fitted:
+            unit = fitted.unit
+            lines.append(
+                f"{joint.name}: {name}.transition {fitted.value:.3g} {unit} is not determined: friction "
+                f"changes sign over at least {slowest:.3g} {unit}, the smallest speed that the data resolve"
+            )
+    return values, lines
 
 
 def write_feedforward(
@@ -84,10 +165,17 @@ def write_feedforward(
     Raises:
         InputError: a file cannot be written.
     """
-    arm = express(joints, TERMS, source)
-    left_out, table, python, c = (*arm.left_out, *failures), dict[str, object](), "", ""
-    for joint, target in zip(sorted(joints, key=lambda each: each.number), arm.joints, strict=True):
-        terms = _NONE | {name: value.number for name, value in target.values.items()}
+    table, python, c, used, left_out = dict[str, object](), "", "", list[str](), list[str]()
+    for joint in sorted(joints, key=lambda each: each.number):
+        values, lines = _values_of(joint, source)
+        left_out += lines
+        fitted = ("; ".join(value.fitted) for value in values.values() if value.fitted)
+        used += [f"{joint.name}: {words}" for words in dict.fromkeys(fitted)]
+        terms = _NONE | {name: value.number for name, value in values.items()}
+        sections = dict[str, Any]()
+        for name, number in terms.items():
+            section, _, own = name.partition("_")
+            sections[section] = sections.get(section, {}) | {own: number} if own else number
         ranges = {
             name: [float(end(getattr(joint.fit.data, name))) for end in (np.min, np.max)]
             for name in ("position", "velocity", "acceleration")
@@ -96,37 +184,39 @@ def write_feedforward(
             "model": joint.model,
             "effort_unit": joint.effort_unit,
             "position_unit": joint.kind.position_unit,
-            "gravity": {"sine": terms["gravity_sine"], "cosine": terms["gravity_cosine"]},
-            "inertia": terms["inertia"],
-            "coulomb": {"level": terms["coulomb_level"], "transition": terms["coulomb_transition"]},
-            "stribeck": {
-                name: terms[f"stribeck_{name}"] for name in ("level", "rise", "speed", "transition")
-            },
-            "viscous": terms["viscous"],
+            **sections,
             "recorded": ranges,
         }
         low, high = ranges["velocity"]
         fastest = with_unit(high, joint.kind.position_unit)
         title = f"{joint.name}: {joint.effort_unit}, recorded from {rounded(low)} to {fastest}/s"
         numbers = ", ".join(map(repr, terms.values()))  # read as the same values by Python and C
-        python += f"    {joint.number}: ({numbers}),  # {title}\n"
+        python += f"    {joint.number}: Terms({numbers}),  # {title}\n"
         c += f"    {{{joint.number}, {{{numbers}}}}}, /* {title} */\n"
-    content = {"source": source, "equation": EQUATION, "joints": table, "left_out": list(left_out)}
-    fields = "".join(f"    double {name};\n" for name in _NONE)
+    left_out += failures
+    equations = [f"{name} = {' '.join(parts)}" for name, parts in _EQUATIONS.items()]
+    for name in _NONE:
+        equations = [line.replace(f"t.{name}", name.replace("_", ".", 1)) for line in equations]
+    content = {"source": source, "equations": equations, "joints": table, "left_out": left_out}
     about = as_comment(source)
+    py_lines = (f"    {name} = (\n{_lines(parts)}\n    )\n" for name, parts in _EQUATIONS.items())
+    c_lines = (f"        double {name} =\n{_lines(parts)};\n" for name, parts in _EQUATIONS.items())
+    names = "".join(f"    {name}: float\n" for name in _NONE)
+    fields = "".join(f"    double {name};\n" for name in _NONE)
     texts = {
         path: yaml.safe_dump(content, sort_keys=False, width=100, allow_unicode=True),
-        path.with_suffix(".py"): _PYTHON.format(source=about, names=", ".join(_NONE), rows=python),
-        path.with_suffix(".c"): _C.format(source=about, names=fields, rows=c),
+        path.with_suffix(".py"): _PYTHON.format(
+            source=about, names=names, rows=python, equations="".join(py_lines)
+        ),
+        path.with_suffix(".c"): _C.format(source=about, names=fields, rows=c, equations="".join(c_lines)),
     }
     for file, text in texts.items():
         write_text(file, text)
-    used = dict.fromkeys(
-        f"{joint.channel}: {'; '.join(value.fitted)}"
-        for joint in arm.joints
-        for value in joint.values.values()
-    )
-    return WrittenModels(tuple(texts), tuple(used), left_out)
+    return WrittenModels(tuple(texts), tuple(used), tuple(left_out))
+
+
+def _lines(parts: Sequence[str]) -> str:
+    return "\n".join(f"            {part}" for part in parts)
 
 
 _PYTHON = '''"""Feedforward effort of joints, written by palpate export from {source}.
@@ -134,9 +224,14 @@ _PYTHON = '''"""Feedforward effort of joints, written by palpate export from {so
 Give the desired motion, not the measured one, whose noise near zero speed makes friction chatter.
 """
 
-from math import cos, exp, sin, tanh
+from math import cos, exp, fabs, sin, tanh
+from typing import NamedTuple
 
-# By number of the joint: {names}
+
+class Terms(NamedTuple):
+{names}
+
+# By number of the joint
 TABLE = {{
 {rows}}}
 
@@ -150,11 +245,8 @@ def feedforward(joint: int, position: float, velocity: float, acceleration: floa
         velocity: desired [rad/s, or m/s].
         acceleration: desired [rad/s^2, or m/s^2].
     """
-    sine, cosine, inertia, viscous, coulomb, turn, level, rise, speed, stribeck_turn = TABLE[joint]
-    ratio = velocity / speed
-    effort = sine * sin(position) + cosine * cos(position) + inertia * acceleration + viscous * velocity
-    effort += coulomb * tanh(velocity / turn)
-    return effort + (level + rise * exp(-ratio * ratio)) * tanh(velocity / stribeck_turn)
+    t, q, v, a = TABLE[joint], position, velocity, acceleration
+{equations}    return effort
 '''
 
 _C = """/* Feedforward effort of joints, written by palpate export from {source}.
@@ -176,21 +268,15 @@ static const struct {{
 /* Effort that moves a joint, in the unit beside its row: N m, N, or rad of a servo's goal error; NAN for a
  * joint that is not in the table.
  *
- * joint: its number, from 1; position [rad, or m], velocity and acceleration: desired.
+ * joint: its number, from 1; position q [rad, or m], velocity v and acceleration a: desired.
  */
-double feedforward(int joint, double position, double velocity, double acceleration)
+double feedforward(int joint, double q, double v, double a)
 {{
     for (size_t row = 0; row < sizeof feedforward_table / sizeof feedforward_table[0]; row++) {{
-        const struct feedforward_terms *t = &feedforward_table[row].terms;
+        const struct feedforward_terms t = feedforward_table[row].terms;
         if (feedforward_table[row].joint != joint)
             continue;
-        double ratio = velocity / t->stribeck_speed;
-        double effort = t->gravity_sine * sin(position) + t->gravity_cosine * cos(position)
-            + t->inertia * acceleration + t->viscous * velocity;
-        effort += t->coulomb_level * tanh(velocity / t->coulomb_transition);
-        return effort
-            + (t->stribeck_level + t->stribeck_rise * exp(-ratio * ratio))
-            * tanh(velocity / t->stribeck_transition);
+{equations}        return effort;
     }}
     return NAN;
 }}

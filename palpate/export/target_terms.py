@@ -47,7 +47,7 @@ def named(lost: str = "", **names: str) -> TargetTerm:
 
 
 _ONE_LEVEL = "dry friction has one level at all speeds: the rise at low speed is left out"
-_AT_ONCE = "dry friction changes sign at once: the path over which it builds up is left out"
+AT_ONCE = "dry friction changes sign at once: the path over which it builds up is left out"
 _NO_PLACE = "dry friction has one level everywhere: its variation with position is left out"
 _OF_BODIES = "includes everything the joint carries: set masses and inertias of the bodies by hand"
 _NO_LOAD = "is left out: the target has no friction that grows with the load"
@@ -99,7 +99,7 @@ def _friction(dry: Sequence[str], viscous: str) -> dict[str, TargetTerm | str]:
         "coulomb_friction": level("force"),
         "damping": named(**{viscous: "c"}),
         "position_dependent_friction": level("level", _NO_PLACE),
-        "presliding_friction": level("force", _AT_ONCE),
+        "presliding_friction": level("force", AT_ONCE),
         "stribeck_friction": level("coulomb", _ONE_LEVEL),
         "viscous_friction": named(**{viscous: "d"}),
     }
@@ -290,7 +290,8 @@ def express(
                 if key not in OF_ARM:
                     before = own.get(key, TermValue(0.0, ()))
                     is_shape = key.rpartition("_")[2] in _SHAPES
-                    own[key] = TermValue(number + before.number * (not is_shape), before.fitted + fitted)
+                    total = max(number, before.number) if is_shape else number + before.number
+                    own[key] = TermValue(total, before.fitted + fitted)
                     continue
                 half = max(each.half_interval for each in parameters.values())
                 rank = half if isfinite(half) else float("inf")

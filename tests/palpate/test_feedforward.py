@@ -4,11 +4,14 @@ import ctypes
 import runpy
 import shutil
 import subprocess
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import yaml
 
+from palpate.estimation.effects.path_memory import PreslidingFriction
 from palpate.export.target_terms import as_comment
 from palpate.robot_io.errors import InputError
 from palpate.sim_backend.world import ArmDescription, World
@@ -84,7 +87,7 @@ def test_identified_feedforward_improves_tracking(tmp_path):
     assert joint["gravity"]["sine"] == pytest.approx(MASS_KG * 9.81 * LENGTH_M, rel=0.05)
     assert joint["inertia"] == pytest.approx(MASS_KG * LENGTH_M**2 + BODY_KGM2, rel=0.05)
     assert joint["viscous"] == pytest.approx(VISCOUS, rel=0.1)
-    assert joint["stribeck"]["level"] == pytest.approx(FRICTION["coulomb_nm"], rel=0.1)
+    assert joint["friction"]["level"] == pytest.approx(FRICTION["coulomb_nm"], rel=0.1)
     feedforward = runpy.run_path(str(tmp_path / "swing.py"))["feedforward"]
     plain, fed = follow(11), follow(11, lambda *state: feedforward(1, *state))
     errors = [float(np.sqrt(np.mean((rows[:, 1] - rows[:, 4]) ** 2))) for rows in (plain, fed)]
@@ -120,6 +123,15 @@ def function_of(folder):
     return runpy.run_path(str(folder / "ff.py"))["feedforward"]
 
 
+def c_function_of(folder):
+    library = folder / "ff.so"
+    strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2", "-ffp-contract=off"]
+    subprocess.run(["cc", *strict, "-shared", "-fPIC", folder / "ff.c", "-o", library, "-lm"], check=True)
+    compiled = ctypes.CDLL(str(library)).feedforward
+    compiled.restype, compiled.argtypes = ctypes.c_double, [ctypes.c_int, *[ctypes.c_double] * 3]
+    return compiled
+
+
 def states(count):
     rng = np.random.default_rng(2)
     return rng.uniform([-3.0, -3.0, -30.0], [3.0, 3.0, 30.0], (count, 3)).tolist()
@@ -140,13 +152,9 @@ def test_function_is_the_joint_s_own_law_without_the_sensor_zero(swinging):
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
-def test_c_function_matches_the_python_function(swinging, tmp_path):
+def test_c_function_matches_the_python_function(swinging):
     _, folder, _ = swinging
-    library = tmp_path / "ff.so"
-    strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2", "-ffp-contract=off"]
-    subprocess.run(["cc", *strict, "-shared", "-fPIC", folder / "ff.c", "-o", library, "-lm"], check=True)
-    compiled = ctypes.CDLL(str(library)).feedforward
-    compiled.restype, compiled.argtypes = ctypes.c_double, [ctypes.c_int, *[ctypes.c_double] * 3]
+    compiled = c_function_of(folder)
     feedforward = function_of(folder)
     extreme = [[0.0, 1e200, 0.0], [1e6, -1e-300, 1.0]]
     for state in [*states(500), *extreme]:
@@ -161,17 +169,99 @@ def test_file_name_ends_no_comment(name):
 
 def test_effects_without_a_term_are_reported(swinging, tmp_path):
     path, _, _ = swinging
-    Study(path, "pendulum", folder=tmp_path).add("coulomb_friction", "joint_spring", "lag")
+    Study(path, "pendulum", folder=tmp_path).add("coulomb_friction", "joint_elasticity", "lag")
     found = as_json("export", path, "--format", "feedforward", "--folder", tmp_path)
     used = [line.split(" ")[1].partition(".")[0] for line in found["used"]]
     assert used == ["pendulum", "viscous_friction", "coulomb_friction"]
-    spring, lag = (
-        next(line for line in found["left_out"] if name in line) for name in ("joint_spring", "lag")
+    elastic, lag = (
+        next(line for line in found["left_out"] if name in line) for name in ("joint_elasticity", "lag")
     )
-    assert "has no term in the file" in spring
+    assert "has no term in the file" in elastic
     assert "is an error of the reading" in lag
     for name in ("table", "python", "c"):
         assert found[name].startswith(str(tmp_path / "feedforward"))
+
+
+def spring_and_drag(q, v, a):
+    return 3.0 * (q - 0.2) + 0.05 * v * np.abs(v)
+
+
+def friction_by_load(q, v, a):
+    return 0.15 * np.abs(WEIGHT * np.sin(q) + 0.5 * INERTIA * a) * np.tanh(v / 0.02)
+
+
+def friction_by_place(q, v, a):
+    return (0.3 + 0.1 * np.sin(3.0 * q) - 0.08 * np.cos(3.0 * q)) * np.tanh(v / 0.02)
+
+
+@pytest.mark.parametrize(
+    ("law", "effects"),
+    [
+        (spring_and_drag, ("joint_spring", "quadratic_friction")),
+        (friction_by_load, ("load_dependent_friction",)),
+        (friction_by_place, ("position_dependent_friction",)),
+    ],
+)
+def test_law_of_position_velocity_and_load_is_in_all_three_files(law, effects, tmp_path):
+    study = Study(swings(4, law, runs=6), "pendulum")
+    study.add(*effects)
+    study.export_feedforward(tmp_path / "ff.yaml")
+    feedforward = function_of(tmp_path)
+    compiled = c_function_of(tmp_path) if shutil.which("cc") else feedforward
+    rng = np.random.default_rng(2)
+    table = yaml.safe_load((tmp_path / "ff.yaml").read_text())
+    values = dict(vars(np), fabs=np.abs)
+    for name, value in table["joints"]["joint_1"].items():
+        values[name] = SimpleNamespace(**value) if isinstance(value, dict) else value
+    errors = []
+    for q, v, a in rng.uniform([-1.2, -3.0, -20.0], [1.2, 3.0, 20.0], (200, 3)).tolist():
+        expected = WEIGHT * np.sin(q) + INERTIA * a + DAMPING * v + law(q, v, a)
+        errors.append(feedforward(1, q, v, a) - expected)
+        state = {"q": q, "v": v, "a": a}
+        for line in table["equations"]:
+            name, _, formula = line.partition(" = ")
+            state[name] = eval(formula, values, state)
+        assert state["effort"] == pytest.approx(feedforward(1, q, v, a), rel=1e-12, abs=1e-12)
+        assert compiled(1, q, v, a) == pytest.approx(feedforward(1, q, v, a), rel=1e-12, abs=1e-12)
+    assert np.sqrt(np.mean(np.square(errors))) < 0.03
+
+
+def test_friction_of_a_recorded_load_is_left_out(tmp_path):
+    data = swings(4, friction_by_load)
+    load = {"load": WEIGHT * np.sin(data.position) + INERTIA * data.acceleration}
+    study = Study(replace(data, context=load, recorded=frozenset(load)), "pendulum")
+    study.add("load_dependent_friction")
+    made = study.export_feedforward(tmp_path / "ff.yaml")
+    assert any("'load_dependent_friction' needs the load" in line for line in made.left_out)
+    drag = function_of(tmp_path)
+    assert (drag(1, 0.5, 1.0, 0.0) - drag(1, 0.5, -1.0, 0.0)) / 2.0 == pytest.approx(DAMPING, abs=0.05)
+
+
+def test_presliding_friction_has_its_level_away_from_reversals(tmp_path):
+    data = swings(4)
+    built = PreslidingFriction().columns(data, {"presliding": 0.05})[:, 0]
+    study = Study(replace(data, effort=data.effort + 0.4 * built), "pendulum")
+    study.add("presliding_friction")
+    made = study.export_feedforward(tmp_path / "ff.yaml")
+    drag = function_of(tmp_path)
+    friction = (drag(1, 0.0, 1.0, 0.0) - drag(1, 0.0, -1.0, 0.0)) / 2.0
+    assert friction == pytest.approx(0.4 + DAMPING, abs=0.02)
+    assert any("the path over which it builds up is left out" in line for line in made.left_out)
+
+
+def test_undetermined_transition_makes_no_jump_at_speeds_below_the_data(tmp_path):
+    """At 1e-5 rad/s, which no sample comes near, the friction must not be there in full."""
+    study = Study(swings(4, lambda q, v, a: 0.3 * np.sign(v), rate_hz=200.0), "pendulum")
+    study.add("coulomb_friction")
+    assert (
+        study.fit("joint_1", ["coulomb_friction"]).parameters["coulomb_friction.transition"].determined
+        == "no"
+    )
+    made = study.export_feedforward(tmp_path / "ff.yaml")
+    drag = function_of(tmp_path)
+    assert abs(drag(1, 0.0, 1e-5, 0.0)) < 0.01
+    assert drag(1, 0.0, 0.2, 0.0) == pytest.approx(0.3 + 0.2 * DAMPING, abs=0.02)
+    assert any("coulomb_friction.transition" in line and "not determined" in line for line in made.left_out)
 
 
 def test_friction_that_depends_on_the_direction_becomes_that_of_both(tmp_path):
