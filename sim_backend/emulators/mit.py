@@ -53,7 +53,12 @@ class EmulatedMitMotor(EmulatedMotor):
     Its limits are the ends of the ranges of position [rad], velocity [rad/s] and torque [N m]. `timeout_s` is
     its CAN timeout [s], None for none. If the host requests its state by "enter", it answers only the special
     codes outside motor mode.
+
+    Attributes:
+        answer_bytes: length of its answers; bgkatz/motorcontrol sends 7, of which the last is a voltage.
     """
+
+    answer_bytes = 8
 
     def __init__(self, motor: MitMotor, joint: int, plant: Plant, settings: MitBusSettings) -> None:
         super().__init__(motor.motor_id, joint, plant, motor)
@@ -134,7 +139,7 @@ class EmulatedMitMotor(EmulatedMotor):
         velocity = _to_uint(measured.velocity_rad_s, self._velocity_limit, 12)
         torque = _to_uint(measured.torque_nm, self._torque_limit, 12)
         bits = self.number << 56 | position << 40 | velocity << 28 | torque << 16
-        data = (bits | _TEMPERATURE << 8 | self.error).to_bytes(8, "big")
+        data = (bits | _TEMPERATURE << 8 | self.error).to_bytes(8, "big")[: self.answer_bytes]
         return can.Message(arbitration_id=self._host_id, is_extended_id=False, data=data)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.robot_io.errors import DeviceError, InputError
+from palpate.robot_io.types import Status
 from palpate.sim_backend.emulators import FaultKind
 from palpate.sim_backend.emulators.mit import ROBSTRIDE_TIMEOUT
 from tests.wire.parts import CUBEMARS, DAMIAO, MOTEUS, ODRIVE, ROBSTRIDE, SO101, V0_5
@@ -156,6 +157,25 @@ def test_missing_motor_is_named(make_robot, path):
     arm = make_robot(path)
     arm.inject_fault("motors", FaultKind.DROP, device=2)
     said = r"joint 3 \(node 2\): no heartbeat" if path is ODRIVE else r"no answer in 0.05 s from joint 2"
+    with pytest.raises(DeviceError, match=said):
+        arm.robot.configure()
+
+
+@pytest.mark.parametrize("length", [6, 7])
+def test_answers_without_an_error_are_accepted(make_robot, length):
+    """The seventh byte of the Mini Cheetah's firmware is its supply voltage, not an error."""
+    arm = make_robot(CUBEMARS)
+    for motor in arm.motors:
+        motor.answer_bytes = length
+    assert arm.start().tick().torque_status is Status.OK
+
+
+@pytest.mark.parametrize("path", [CUBEMARS, DAMIAO, ROBSTRIDE, MOTEUS], ids=lambda path: path.stem)
+def test_answers_of_a_wrong_length_are_named(make_robot, path):
+    """They were reported as none."""
+    arm = make_robot(path)
+    arm.inject_fault("motors", FaultKind.CORRUPT, device=2)
+    said = r"no valid answer in 0.05 s from joint 2 \(motor 2\) \(.* state has 3 bytes, expected"
     with pytest.raises(DeviceError, match=said):
         arm.robot.configure()
 

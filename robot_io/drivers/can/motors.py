@@ -350,7 +350,9 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
                 return
             self._wait_for(lambda: False, ANSWER_S)  # a late answer looks like that of a second motor
         self._refuse_duplicate_ids()
-        problem = f"no answer in {ANSWER_S} s from {', '.join(map(self.motor_label, silent))}"
+        refused = [f" ({problem})" if (problem := self._last_problem[joint]) else "" for joint in silent]
+        names = [self.motor_label(joint) + why for joint, why in zip(silent, refused, strict=True)]
+        problem = f"no {'valid ' * any(refused)}answer in {ANSWER_S} s from {', '.join(names)}"
         if self._foreign_ids:
             problem += f"; received frames with the ids {self._list_foreign_ids}: {self._foreign_remedy}"
         raise DeviceError(f"{self.line.label}: {problem}")

@@ -168,6 +168,7 @@ class MitFrames:
     def state(self, frame: CanFrame, ranges: MitRanges) -> MitState:
         """Parse the answer of a motor: id 8 bits, position 16, velocity 12, torque 12; temperature and error.
 
+        The Mini Cheetah's firmware sends the first six bytes, newer versions of it a supply voltage as well.
         With `_STATUS_BESIDE_ID`, the id is the lower four bits of the first byte, and the upper four are a
         status: 0 is off, 1 is on, larger is an error. The last two bytes are then temperatures.
 
@@ -178,7 +179,7 @@ class MitFrames:
         Raises:
             ProtocolError: the frame is not a state.
         """
-        expect_length(frame, "motor state", *((8,) if self._STATUS_BESIDE_ID else (6, 8)))
+        expect_length(frame, "motor state", *((8,) if self._STATUS_BESIDE_ID else (6, 7, 8)))
         data = frame.data
         position = data[1] << 8 | data[2]
         velocity = data[3] << 4 | data[4] >> 4

@@ -75,9 +75,9 @@ def test_zero_torque_is_half_a_step_off_zero():
     assert abs(FRAMES.torque(7, 0.0, AK80_9)[1]) == pytest.approx(18 / 4095)
 
 
-@pytest.mark.parametrize("length", [0, 5, 7])
+@pytest.mark.parametrize("length", [0, 5, 9])
 def test_wrong_length_is_refused(length):
-    with pytest.raises(ProtocolError, match="expected 6 or 8"):
+    with pytest.raises(ProtocolError, match="expected 6 or 7 or 8"):
         FRAMES.state(CanFrame(0, bytes(length)), AK80_9)
 
 
