@@ -205,9 +205,9 @@ class MoteusBus(PolledMotorBus[MoteusState]):
             if state is not None and state.home == RELATIVE:
                 raise self._motor_error(joint, _NO_REFERENCE)
             if self._motion_is_wrong[joint]:
-                raise self._motor_error(
-                    joint, f"does not know its position: {self._error_names(self._errors[joint])}"
-                )
+                error = self._errors[joint]
+                cause = self._error_names(error) if error else "its position, speed or torque is no number"
+                raise self._motor_error(joint, f"does not know its position: {cause}")
 
     def _report(self) -> list[Finding]:
         self._observed_states = [None] * self.joint_count

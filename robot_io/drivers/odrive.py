@@ -1,9 +1,9 @@
 """ODrive axes on a CAN bus, in torque mode through CANSimple.
 
 The axes send cyclic messages, and answer rare requests, which show the delay. If it grows by up to 1 ms after
-the configuration, or for 0.3 s by up to 3 ms, this stays unnoticed. The axes must be set up over USB
-beforehand: node id, bit rate, the rates of the cyclic messages (encoder estimates, and motor current with
-firmware 0.5 or torques with 0.6, at the control rate), current limit and watchdog.
+the configuration, for 0.3 s by up to 3 ms, or for 30 ms by any step that is no gap, this stays unnoticed. The
+axes must be set up over USB beforehand: node id, bit rate, rates of the cyclic messages (encoder estimates,
+and motor current with firmware 0.5 or torques with 0.6, at the control rate), current limit and watchdog.
 """
 
 from collections.abc import Mapping
@@ -361,7 +361,8 @@ class OdriveBus(MotorBus):
             return f"has firmware {'.'.join(map(str, version))}, but the robot file states {stated}"
         _, encoder, torque = self._rate_commands
         if self._motion_at_s[joint] == -inf:
-            return f"sends no encoder estimates; set {encoder}"
+            last = self._last_problem[joint]
+            return f"sends no valid encoder estimates ({last or 'none'}); set {encoder}"
         return f"sends no torques; set {torque}" if self._torque_at_s[joint] == -inf else ""
 
     def _arm(self) -> None:

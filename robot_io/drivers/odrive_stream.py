@@ -26,8 +26,8 @@ class AnswerDelay:
     Cyclic frames carry neither time nor number, so a link whose delay grows would pass old samples as new.
     An answer takes the same way as they do. A delay beyond the jitter of a healthy link counts in full: of
     more than 3 ms after two requests (26 ms), of more than 1 ms after 24 (0.3 s). Samples may thus be older
-    than stated by 1 ms, and for 0.3 s by 3 ms. A heartbeat shows no less: its period has the same jitter, is
-    longer, and drifts with the axis's clock.
+    than stated by 1 ms, for 0.3 s by 3 ms, and for 30 ms by any step that is no gap. A heartbeat shows
+    no less: its period has the same jitter, is longer, and drifts with the axis's clock.
 
     Attributes:
         latency_s: delay of newly arrived samples [s].

@@ -44,11 +44,21 @@ def shows_version(motor):
     motor._answer = lambda _: [motor._message(0, bytes((2, 3, 6, 56, 0, 5, 6, 0)))]
 
 
+def knows_no_position(motor):
+    motor._encoder_estimates = lambda: motor._message(0x09, 2 * bytes((0, 0, 0xC0, 0x7F)))
+
+
 AT_CONFIGURING = [  # robot file, its changes, the second motor or servo 3, what is said
     (ODRIVE, (), has(_firmware="0.5"), "Get_Version"),
     (ODRIVE, V0_5, has(_firmware="0.6"), r"has firmware 0\.6\.10, but the robot file states 0\.5"),
     (ODRIVE, (), shows_version, r"joint 2 \(node 1\): has firmware 0\.5\.6"),
     (ODRIVE, (), has(_cyclic_s=0.01), r"joint 2 \(node 1\): .* every 0.005 s; set .*encoder_msg_rate_ms = 1"),
+    (
+        ODRIVE,
+        (),
+        knows_no_position,
+        "sends no valid encoder estimates .encoder estimates: nan",
+    ),
     # The same bits would mean other speeds.
     (
         DAMIAO,
@@ -62,7 +72,7 @@ AT_CONFIGURING = [  # robot file, its changes, the second motor or servo 3, what
         r"joint 2 .*: its mechPos is .* rad at the joint, but its messages report",
     ),
     (MOTEUS, (), has(home=0), "joint 2 .motor 2.: has no reference for its position"),
-    (MOTEUS, (), has(known=False), "joint 2 .motor 2.: does not know its position: no fault"),
+    (MOTEUS, (), has(known=False), "motor 2.: does not know its position: its position, .* is no number"),
     (SO101, (), lambda servo: servo.put(MODEL, 2825), "servo 3 .* number 2825, .* states STS3215-12V"),
     (SO101, (), lambda servo: servo.put(PHASE, 28, 1), "servo 3 counts over several turns: clear bit 4"),
     # 1.49 rad/s was read as 0.031, and one that was armed never moved.

@@ -61,9 +61,11 @@ class MitProtocol:
         Args:
             error: number or bits in a state.
         """
-        parts = [1 << place for place in range(error.bit_length()) if error >> place & 1]
-        parts = parts if self.errors_are_bits else [error]
-        return ", ".join(dict.fromkeys(self.errors.get(part, f"unknown error {part}") for part in parts))
+        if not self.errors_are_bits:
+            return self.errors.get(error, f"unknown error {error}")
+        places = [place for place in range(error.bit_length()) if error >> place & 1]
+        names = (self.errors.get(1 << n, f"unknown fault, bit {n - FAULT_FRAME_BITS}") for n in places)
+        return ", ".join(dict.fromkeys(names))
 
 
 _FOUR_TURNS = 4.0 * pi

@@ -85,7 +85,8 @@ def test_faults_have_manual_names_and_an_unread_parameter_is_no_zero():
         assert DIALECTS[Maker.ROBSTRIDE].error_names(alarm) == name
     two = FRAMES.alarm(CanFrame(0x150001FD, bytes.fromhex("0a00000000000000"), extended=True))
     assert DIALECTS[Maker.ROBSTRIDE].error_names(two) == "driver chip, over voltage"
-    assert DIALECTS[Maker.ROBSTRIDE].error_names(1 << 40) == f"unknown error {1 << 40}"
+    assert DIALECTS[Maker.ROBSTRIDE].error_names(alarm := 1 << 28) == "unknown fault, bit 20"
+    assert FRAMES.alarm(CanFrame(0x150001FD, (1 << 20).to_bytes(8, "little"), extended=True)) == alarm
 
 
 QUESTION = "11001f0110040c"
