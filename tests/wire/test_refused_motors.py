@@ -190,6 +190,30 @@ def test_answers_of_a_wrong_length_are_named(make_robot, path):
         arm.robot.configure()
 
 
+@pytest.mark.parametrize("path", [DAMIAO, ROBSTRIDE], ids=lambda path: path.stem)
+def test_setting_whose_frame_is_lost_is_sent_again(make_robot, path):
+    """A single lost frame was reported as a setting that the motor refuses."""
+    arm, lost = make_robot(path), []
+    arm.robot.configure()
+    motor = arm.motors[1]
+    process = motor._process
+
+    def lose_the_first_setting(message, now_s):
+        number, data = message.arbitration_id, message.data
+        is_setting = number >> 24 == 18 or (number == 0x7FF and data[0] == 2 and data[2] == 0x55)
+        if is_setting and not lost:
+            lost.append(message)
+            return []
+        return process(message, now_s)
+
+    motor._process = lose_the_first_setting
+    motor.registers = getattr(motor, "registers", {}) | {MODE: 2}
+    if path is ROBSTRIDE:
+        motor.parameters[0x7005] = 1
+    arm.robot.activate()
+    assert lost
+
+
 @pytest.mark.parametrize(("left_rad", "refused"), [(0.3, False), (0.1, True)])
 def test_arm_moved_while_it_is_configured_is_not_blamed_on_its_ranges(make_robot, left_rad, refused):
     arm = make_robot(ROBSTRIDE)

@@ -152,11 +152,13 @@ class MitBus(PolledMotorBus[MitState]):
         """Set a register if `value` is given, and return its value; raise `DeviceError` without an answer."""
         motor_id = self._motor_ids[joint]
         write = [] if value is None else [self._frames.write_register(motor_id, register, value)]
-        self._register_asked, self._register_values = (joint, register), []
+        self._register_asked = (joint, register)
         try:
-            for _ in range(ATTEMPTS):
+            for _ in range(ATTEMPTS):  # either frame may be lost
+                self._register_values = []
                 self._send_all([*write, self._frames.read_register(motor_id, register)])
-                if self._wait_for(lambda: bool(self._register_values), ANSWER_S):
+                is_read = self._wait_for(lambda: bool(self._register_values), ANSWER_S)
+                if is_read and value in (None, self._register_values[0]):
                     break
         finally:
             self._register_asked = None
