@@ -487,8 +487,9 @@ def select_effects(
 
     Effects are added one by one. If an explainable error remains, the best forms of all kinds are tried
     jointly. If more than half of the error is left even so, the best pair is tried too, since each of two
-    effects alone may only distort the base model's parameters. A model of more than two effects is reduced to
-    the smallest sufficient one, since many effects can imitate almost any error.
+    effects alone may only distort the base model's parameters. It is also tried in place of more than two
+    effects, or of two effects of one kind, which can imitate almost any error. A model of more than two is
+    reduced to the smallest sufficient one.
 
     Args:
         whole: the search on all data.
@@ -513,10 +514,13 @@ def select_effects(
     if not is_enough(best):
         best = whole.ordered([best, refine(_forward_selection(coarse, backward_step(coarse, forms())))])[0]
     enough = is_enough(best)
-    if not enough and best.solution.held_out > _MAX_LEFT * whole.start.solution.held_out:
-        if pair := _best_pair(coarse):
-            best = whole.ordered([best, refine(_forward_selection(coarse, pair))])[0]
-    elif enough and len(whole.added_effects(best)) > _PAIR:
+    failed = not enough and best.solution.held_out > _MAX_LEFT * whole.start.solution.held_out
+    names = whole.added_effects(best)
+    kinds = {best.solution.model.effect(name).kind for name in names}
+    may_imitate = enough and len(names) > min(len(kinds), _PAIR)
+    if (failed or may_imitate) and (pair := _best_pair(coarse)):
+        best = whole.ordered([best, refine(_forward_selection(coarse, pair))])[0]
+    if enough and len(whole.added_effects(best)) > _PAIR:
         smaller = backward_step(whole, sufficient(best))
         best = smaller if is_enough(smaller) else best
     return best

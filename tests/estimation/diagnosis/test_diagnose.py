@@ -488,3 +488,13 @@ def test_sticking_at_reversals_is_no_delay_of_the_sensor(forward_nm, backward_nm
     found = ModelStudy(sticking_joint(forward_nm, backward_nm), "pendulum").diagnose().channels[0]
     assert found.verdict is Verdict.MISSING
     assert {entry.effect for entry in found.accepted} == effects
+
+
+@pytest.mark.parametrize("seed", [1, 4])
+def test_two_effects_of_one_kind_are_compared_with_the_best_pair(seed):
+    """An exponential and a power law imitate a linear and a cubic spring to a few hundredths of the noise."""
+    names = "joint_spring", "cubic_stiffness", "power_law_stiffness", "exponential_stiffness"
+    data = swings(seed, lambda q, v, a: 0.45 * q + 1.5 * q**3 - WEIGHT * np.sin(q))
+    model, effects = MODELS["inertia"]().build(ModelContext()), [EFFECTS[name]() for name in names]
+    diagnosis = diagnose(data, model, effects, rng=np.random.default_rng(0)).channels[0]
+    assert {entry.effect for entry in diagnosis.accepted} == {"joint_spring", "cubic_stiffness"}

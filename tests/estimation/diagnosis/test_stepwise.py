@@ -8,6 +8,13 @@ from palpate.estimation.diagnosis import search as module
 from palpate.estimation.diagnosis.search import MOST_EFFECTS, backward_step, select_effects
 
 
+class Letters(frozenset):
+    """Effects of a model, each of its own kind."""
+
+    def effect(self, name):
+        return SimpleNamespace(kind=name)
+
+
 class SearchedModels:
     """Models are sets of letters; `left` says what each leaves, 100 or more where it does not."""
 
@@ -21,7 +28,7 @@ class SearchedModels:
         self._known, self.fits = {}, []
 
     def at(self, names):
-        names = frozenset(names)
+        names = Letters(names)
         if names not in self._known:
             self.fits.append("".join(sorted(names)))
             left = self._left.get(names, 100.0)
