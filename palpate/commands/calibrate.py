@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -109,7 +110,7 @@ def force(
             raise InputError(
                 "--weights-kg: give masses in the order in which you place them, such as 0,0.5,1,2,1,0.5,0"
             )
-        place = runs.put_simulated_weight if job.simulated else ask_for_weight(gravity_m_s2)
+        place = runs.put_simulated_weight if job.simulated else partial(ask_for_weight, gravity_m_s2)
         runs.run_weighing(job, forces_n, place)
 
     def analyze(raw: Path) -> Analysis:
@@ -320,20 +321,18 @@ def _calibrate(
     console.present(written | content, show, as_json=options.as_json)
 
 
-def ask_for_weight(gravity_m_s2: float) -> runs.Place:
-    """Return a function that asks a person to put a weight on, and waits for it.
+def ask_for_weight(gravity_m_s2: float, _arm: ArmSession, number: int, force_n: float) -> None:
+    """Ask a person to put a weight on, and wait for it.
 
     Args:
         gravity_m_s2: gravitational acceleration, which converts masses to weights [m/s^2].
+        number: number of the force from 0.
+        force_n: the force [N].
     """
-
-    def ask(_arm: ArmSession, number: int, force_n: float) -> None:
-        weight = f"{force_n / gravity_m_s2:.4g} kg ({force_n:.3f} N)"
-        console.stderr().print(f"{number + 1}: put {weight} on the sensor, let it come to rest, press Enter")
-        if not sys.stdin.readline():
-            words = "weights are placed by hand: run this in a terminal"
-            if number == 0:
-                raise InputError(words)
-            raise PalpateError(f"no answer at weight {number + 1}: {words}")  # readings so far are kept
-
-    return ask
+    weight = f"{force_n / gravity_m_s2:.4g} kg ({force_n:.3f} N)"
+    console.stderr().print(f"{number + 1}: put {weight} on the sensor, let it come to rest, press Enter")
+    if not sys.stdin.readline():
+        words = "weights are placed by hand: run this in a terminal"
+        if number == 0:
+            raise InputError(words)
+        raise PalpateError(f"no answer at weight {number + 1}: {words}")  # readings so far are kept

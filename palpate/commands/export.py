@@ -22,6 +22,7 @@ from palpate.common.files import (
 from palpate.common.options import JsonOption, with_options
 from palpate.common.table_files import write_table
 from palpate.estimation.channel import ChannelKind
+from palpate.estimation.diagnosis import Verdict
 from palpate.estimation.study.revisions import user_effects_of
 from palpate.export.table import ENDINGS, LAYOUT_ENDINGS, PlotProgram, layout_of, recorded_table
 from palpate.render.build import REPORT, is_own_page
@@ -240,8 +241,6 @@ def _export_joints(data: ExportOptions, study: "Study", usual: Path) -> _Export:
 
 def _warn_of_base_models(study: "Study", channels: Sequence["StudyChannel"]) -> None:
     """Warn of channels to which no effect was added, and say what their diagnosis finds."""
-    from palpate.estimation.diagnosis import Verdict  # noqa: PLC0415, slow to import
-
     for channel in channels:
         known, advice = None, ""
         with suppress(InputError):  # a damaged diagnosis, which the export does not need

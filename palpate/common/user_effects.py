@@ -79,9 +79,6 @@ def _limited(limit_s: float | None) -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
-FORM = "FILE.py:Class"
-
-
 def load_user_effects(texts: Sequence[str]) -> dict[str, Effect]:
     """Load the user's effects; return them by the texts that name them.
 
@@ -110,7 +107,7 @@ def _load_user_effect(text: str) -> Effect:
     file, _, name = text.rpartition(":")
     if not file or not name.isidentifier():
         raise InputError(
-            f"--effect {text!r}: give a file and a class, such as my_effects.py:MyEffect ({FORM})"
+            f"--effect {text!r}: give a file and a class, such as my_effects.py:MyEffect (FILE.py:Class)"
         )
     path = existing_file(Path(file), "effect file")
     spec = importlib.util.spec_from_file_location(f"palpate_user_effect_{path.stem}", path)

@@ -12,6 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from platform import python_version
 
+import numpy as np
 from packaging.requirements import Requirement
 
 from palpate.common import preflight
@@ -96,7 +97,6 @@ def pinocchio() -> Iterator[Finding]:
     if not find_spec("pinocchio"):
         yield ok("pinocchio", f"only an arm needs it; {missing_package('pinocchio')}")
         return
-    import numpy as np  # noqa: PLC0415
     import pinocchio as pin  # noqa: PLC0415
 
     model = pin.Model()

@@ -1,7 +1,7 @@
 """Record data for calibrations: motions in free air, touches of hard stops, a known pose, and weights."""
 
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
@@ -25,7 +25,7 @@ from palpate.control.loop.task import Task
 from palpate.robot_io.calibration.applied import load_calibrations
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.guard import Limits
-from palpate.robot_io.types import FloatArray
+from palpate.robot_io.types import FloatArray, Measurement
 from palpate.runs.probing import NO_WATCHER, Watcher
 from palpate.runs.session import ArmJob, ArmSession, arm_session
 
@@ -48,27 +48,23 @@ class CalibrationJob(ArmJob):
 Place = Callable[[ArmSession, int, float], None]
 
 
-def calibration_setup(job: CalibrationJob) -> AbstractContextManager[ArmSession]:
-    """Open the unpowered robot and begin the session, which is complete when the context ends.
-
-    Args:
-        job: the calibration run.
+@contextmanager
+def _unpowered(job: CalibrationJob) -> Iterator[tuple[ArmSession, StationaryRobot, Measurement]]:
+    """Begin the session; yield the arm, the robot without power, and its first sample.
 
     Raises:
         InputError: robot file, calibrations and scenario do not fit each other, a device could not be opened,
             or the session cannot be written.
+        SafetyTripError: a sample is missing or old.
     """
-    now_utc = datetime.now(UTC)
-    calibrations = load_calibrations(job.robot_file, now_utc, leave_out=(job.kind,), emulated=job.wired)
-    return arm_session(job, calibrations, {KIND: job.kind}, now_utc)
-
-
-def _stationary(arm: ArmSession) -> StationaryRobot:
-    """Return a task that leaves the robot without power."""
-    robot_file, n = arm.job.robot_file, arm.job.robot_file.joint_count
+    now_utc, robot_file = datetime.now(UTC), job.robot_file
+    calibrations = load_calibrations(robot_file, now_utc, leave_out=(job.kind,), emulated=job.wired)
+    n = robot_file.joint_count
     anywhere = {"position_min_rad": (-_FAR_RAD,) * n, "position_max_rad": (_FAR_RAD,) * n}
-    guard = arm.guard(robot_file.limits.model_copy(update=anywhere))
-    return StationaryRobot(arm.robot, guard, arm.clock, arm.log, robot_file.control_rate_hz)
+    with arm_session(job, calibrations, {KIND: job.kind}, now_utc) as arm:
+        guard = arm.guard(robot_file.limits.model_copy(update=anywhere))
+        stationary = StationaryRobot(arm.robot, guard, arm.clock, arm.log, robot_file.control_rate_hz)
+        yield arm, stationary, stationary.await_samples()
 
 
 def _move(arm: ArmSession, task: Task, limits: Limits, watcher: Watcher, duration_s: float) -> None:
@@ -111,16 +107,15 @@ def run_motion(
         watcher: observer of the run.
 
     Raises:
-        InputError: as for `calibration_setup`, or no motion is clear of the ground.
+        InputError: the robot cannot be opened, the session not written, or no motion is clear of the ground.
         PalpateError: the arm was stopped.
         KeyboardInterrupt: the user stopped the run.
     """
     settings, robot_file = settings or MOTIONS[job.kind], job.robot_file
     limits = robot_file.limits
-    with calibration_setup(job) as arm:
+    with _unpowered(job) as (arm, _, first):
         rng = np.random.default_rng(0)
-        start_rad = _stationary(arm).await_samples().joint_position_rad
-        path = choose_path(arm.body, start_rad, limits, settings=settings, rng=rng)
+        path = choose_path(arm.body, first.joint_position_rad, limits, settings=settings, rng=rng)
         task = PathTask(arm.body, gains_of(robot_file).tracking, path, travel_speed_rad_s(limits))
         guarded = _slowed(limits, SPEED_MARGIN * max(settings.speed_rad_s, 1.0))
         _move(arm, task, guarded, watcher, settings.duration_s + 10.0)
@@ -139,15 +134,14 @@ def run_stops(
         watcher: observer of the run.
 
     Raises:
-        InputError: as for `calibration_setup`, or a stop cannot be reached.
+        InputError: the robot cannot be opened, the session not written, or a stop not reached.
         PalpateError: the arm was stopped.
         KeyboardInterrupt: the user stopped the run.
     """
     limits = job.robot_file.limits
     settings = StopSettings.within(limits)
-    with calibration_setup(job) as arm:
-        stops_rad = stops_rad or arm.body.position_limits_rad
-        start_rad = _stationary(arm).await_samples().joint_position_rad
+    with _unpowered(job) as (arm, _, first):
+        start_rad, stops_rad = first.joint_position_rad, stops_rad or arm.body.position_limits_rad
         up_rad, approaches = plan_stops(arm.body, start_rad, limits, stops_rad, settings.reach_rad)
         task = StopTask(arm.body, gains_of(job.robot_file).tracking, up_rad, approaches, settings)
         widened = widen_limits_for_stops(limits, approaches, settings.reach_rad + BEYOND_RAD)
@@ -158,12 +152,10 @@ def run_pose(job: CalibrationJob) -> None:
     """Read and log the encoders of an unpowered arm that is held in a known pose.
 
     Raises:
-        InputError: as for `calibration_setup`.
+        InputError: the robot cannot be opened, or the session not written.
         SafetyTripError: a sample is missing or old.
     """
-    with calibration_setup(job) as arm:
-        stationary = _stationary(arm)
-        stationary.await_samples()
+    with _unpowered(job) as (_, stationary, _):
         stationary.record(POSE_S, 0)
 
 
@@ -185,7 +177,8 @@ def run_weighing(
         measure_s: time of each measurement [s].
 
     Raises:
-        InputError: as for `calibration_setup`, or there are too few forces, or one exceeds the robot's limit.
+        InputError: the robot cannot be opened, the session not written, there are too few forces, or one
+            exceeds the robot's limit.
         SafetyTripError: a sample is missing, old or beyond a limit.
         KeyboardInterrupt: the user stopped the run.
     """
@@ -195,9 +188,7 @@ def run_weighing(
         raise InputError(
             f"{max(forces_n, key=abs):.4g} N: limits.force_n of '{job.robot_file.name}' is {limit_n:g} N"
         )
-    with calibration_setup(job) as arm:
-        stationary = _stationary(arm)
-        stationary.await_samples()
+    with _unpowered(job) as (arm, stationary, _):
         for number, force_n in enumerate(forces_n):
             place(arm, number, force_n)
             stationary.settle(settle_s)

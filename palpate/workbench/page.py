@@ -14,6 +14,7 @@ from nicegui import events, ui
 
 from palpate.common.files import derived_folder, output_folder
 from palpate.estimation.channel import ChannelKind
+from palpate.estimation.data_quality import checklist
 from palpate.estimation.estimate import with_unit
 from palpate.render.build import REPORT
 from palpate.robot_io.errors import InputError, PalpateError
@@ -361,8 +362,6 @@ def _button(text: str, icon: str, work: Callable[[], object], about: str, look: 
 
 def _data_checks(state: WorkbenchState) -> None:
     """Make the checklist of the data checks."""
-    from palpate.estimation.data_quality import checklist  # noqa: PLC0415
-
     reasons = checklist(state.channel.to_fit, state.channel.model)
     with ui.element("section").classes("card"):
         heading("Are these data fit for a diagnosis?", elements.GATES)

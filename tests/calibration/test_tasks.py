@@ -116,14 +116,14 @@ def test_silent_device_is_named(still, monkeypatch):
 
 def test_weighing_requires_a_terminal(monkeypatch, capsys):
     monkeypatch.setattr("sys.stdin", io.StringIO("\n"))
-    ask_for_weight(9.8)(None, 2, 4.9)
+    ask_for_weight(9.8, None, 2, 4.9)
     assert "3: put 0.5 kg (4.900 N) on the sensor" in capsys.readouterr().err
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
     with pytest.raises(InputError, match="run this in a terminal"):
-        ask_for_weight(9.8)(None, 0, 0.0)
+        ask_for_weight(9.8, None, 0, 0.0)
     # An InputError would say that nothing was measured yet, and the session would be removed.
     with pytest.raises(PalpateError, match="no answer at weight 3") as late:
-        ask_for_weight(9.8)(None, 2, 4.9)
+        ask_for_weight(9.8, None, 2, 4.9)
     assert not isinstance(late.value, InputError)
 
 

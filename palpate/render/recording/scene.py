@@ -90,16 +90,6 @@ class Scene:
         return mean / np.linalg.norm(mean) if known.any() else np.full(3, np.nan)
 
     @property
-    def touch_point_world_m(self) -> FloatArray | None:
-        """Middle of the touched places on the surface, shape (3,) [m]; None if nothing was touched."""
-        touching = np.isin(self.ticks["phase"], IN_CONTACT)
-        if self.surface_m is None or not touching.any():
-            return None
-        press = self.main_press_direction_world
-        point = np.asarray(self.ticks["tip_position_world_m"])[touching].mean(axis=0)
-        return np.asarray(point + (self.surface_m - point @ press) * press)
-
-    @property
     def picture_moment_s(self) -> float:
         """Time within the last phase of held force, or the middle of the session if there is none [s]."""
         holding = np.flatnonzero(self.ticks["phase"] == Phase.HOLD)
@@ -226,9 +216,11 @@ def log_object(recording: rr.RecordingStream, scene: Scene) -> None:
     recording.log(_TIP, rr.Arrows3D.from_fields(radii=_ARROW_RADIUS_M, colors=[_ARROW]), static=True)
     arrows = rr.Arrows3D.columns(origins=tips + _ARROW_ASIDE_M * outwards, vectors=vectors)
     recording.send_columns(_TIP, time_column(scene.time_s[rows]), arrows)
-    point, into = scene.touch_point_world_m, scene.main_press_direction_world
-    if point is None:
+    touching, into = np.isin(scene.ticks["phase"], IN_CONTACT), scene.main_press_direction_world
+    if scene.surface_m is None or not touching.any():
         return
+    point = np.asarray(scene.ticks["tip_position_world_m"])[touching].mean(axis=0)
+    point += (scene.surface_m - point @ into) * into  # on the surface
     turn, _ = Rotation.align_vectors(into[None], np.eye(3)[2:])
     block = rr.Boxes3D(
         half_sizes=[_BLOCK_M],
