@@ -73,7 +73,7 @@ def sweep_command(
         grid = load_grid(existing_file(path, "sweep"))
         for words in grid.short_ranges():
             console.warn(f"{path}: {words}")
-        parts = {"grid": list(grid.cases())}
+        parts = {"grid": list({case.address: case for case in grid.cases()}.values())}  # each once
     sweep = PAPER if grid is None else shell_path(path)
     folder = out or SWEEPS / path.stem
     refuse_other_files(folder)

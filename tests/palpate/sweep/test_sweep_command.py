@@ -101,6 +101,14 @@ def test_interrupted_sweep_reports_its_progress(tmp_path, mine, monkeypatch):
     assert "1 of 4 cases are done and kept; the same command continues from there" in result.stderr
 
 
+def test_sweep_with_a_repeated_object_finishes(tmp_path):
+    twice = [MINE["objects"][0] | {"stiffness_n_m": [500, 500]}]
+    (tmp_path / "twice.yaml").write_text(yaml.safe_dump(MINE | {"objects": twice, "repeats": 1}))
+    said = as_json("sweep", tmp_path / "twice.yaml", "--out", tmp_path / "out", "--workers", 1)
+    assert said["finished"] == said["cases"]
+    assert said["page"]
+
+
 def test_earlier_name_still_works(done, mine):
     out, _ = done
     assert as_json("study", mine, "--out", out, "--plan")["cases"] == 4
