@@ -281,7 +281,8 @@ def _read(path: Path, columns: list[str] | None = None) -> pa.Table:
 
 
 def _damaged(path: Path, why: str) -> InputError:
-    return InputError(f"{path}: {why}; delete it, and the case is computed again")
+    lost = "all its cases are" if path.name.startswith(_PACK) else "the case is"
+    return InputError(f"{path}: {why}; delete it, and {lost} computed again")
 
 
 def _agree(rows: Sequence[Row], others: Sequence[Row]) -> bool:

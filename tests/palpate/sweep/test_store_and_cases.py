@@ -118,8 +118,11 @@ def test_partially_written_results_are_ignored(tmp_path):
     assert store.finished() == {"a"}
     assert len(store.rows("ab")) == 1
     (tmp_path / "a.parquet").write_bytes(b"PAR1 nothing PAR1")
-    with pytest.raises(InputError, match=r"a\.parquet.*delete it"):
+    with pytest.raises(InputError, match=r"a\.parquet.*delete it, and the case is computed again"):
         ResultStore(tmp_path).rows("a")
+    (tmp_path / "a.parquet").rename(tmp_path / "pack-0.parquet")
+    with pytest.raises(InputError, match=r"delete it, and all its cases are computed again"):
+        store.finished()
 
 
 def test_folder_with_other_files_is_refused_and_one_with_results_is_not(tmp_path):
