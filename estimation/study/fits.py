@@ -246,8 +246,12 @@ class StudyFits(TableDisplay):
             for name, value in settings:
                 if name not in free.values:
                     raise InputError(f"no parameter '{name}'. Available: {', '.join(free.values)}")
-                if not math.isfinite(value):
-                    raise InputError(f"{name}={value}: give a finite number")
+                try:
+                    is_finite = math.isfinite(value)
+                except TypeError:  # such as a text
+                    is_finite = False
+                if not is_finite:
+                    raise InputError(f"{name}={value!r}: give a finite number")
             for name, (low, high) in bounds.items():
                 if low > high:
                     raise InputError(

@@ -114,6 +114,7 @@ def batch(
     _check_types(
         {"model": model, "pattern": pattern, "join": join, "split": split, "group": group},
         {"out": out, "metadata": metadata, "urdf": urdf},
+        {"reports": (reports, 0), "workers": (workers, 1)},
         data,
     )
     places = [data] if isinstance(data, str | Path) else list(data)
@@ -185,14 +186,22 @@ def batch(
     return _with_reports(made, measurements, options, reports) if reports else made
 
 
-def _check_types(words: Mapping[str, object], paths: Mapping[str, object], data: object) -> None:
-    """Raise `InputError` if an argument given from Python is not a text or a path."""
+def _check_types(
+    words: Mapping[str, object],
+    paths: Mapping[str, object],
+    counts: Mapping[str, tuple[int | None, int]],
+    data: object,
+) -> None:
+    """Raise `InputError` if an argument from Python is no text or path, or a number is below its least."""
     for name, value in words.items():
         if not isinstance(value, str | None):
             raise InputError(f"{name}={value!r}: give a string, such as {name}={_EXAMPLES[name]!r}")
     for name, value in paths.items():
         if not isinstance(value, str | Path | None):
             raise InputError(f"{name}={value!r}: give a path")
+    for name, (number, least) in counts.items():
+        if number is not None and number < least:
+            raise InputError(f"{name}={number}: give a whole number of at least {least}")
     if not isinstance(data, Iterable | Path):
         raise InputError(f"data={data!r}: give a path, or a list of paths")
 

@@ -50,7 +50,11 @@ def test_fixed_parameters_stay_and_the_others_compensate(study):
 
 @pytest.mark.parametrize(
     ("held", "said"),
-    [({"spring.k": 1.0}, "no parameter 'spring.k'"), ({"stiffness.k": float("nan")}, "finite")],
+    [
+        ({"spring.k": 1.0}, "no parameter 'spring.k'"),
+        ({"stiffness.k": float("nan")}, "finite"),
+        ({"stiffness.k": "400"}, "finite"),
+    ],
 )
 def test_invalid_fixed_parameters_are_refused(study: ModelStudy, held: dict[str, float], said: str) -> None:
     with pytest.raises(InputError, match=said):

@@ -527,3 +527,10 @@ def test_arguments_of_a_wrong_type_are_refused_by_name(tmp_path, argument):
     (name,) = argument
     with pytest.raises(InputError, match=f"^{name}=5: give a "):
         palpate.batch(**{"data": tmp_path, "out": tmp_path / "out"} | argument)
+
+
+@pytest.mark.parametrize("argument", [{"reports": -1}, {"workers": 0}])
+def test_too_small_counts_are_refused_by_name(tmp_path, argument):
+    ((name, number),) = argument.items()
+    with pytest.raises(InputError, match=f"^{name}={number}: give a whole number"):
+        palpate.batch(tmp_path, out=tmp_path / "out", **argument)
