@@ -79,8 +79,8 @@ def write_page(batch: BatchResult) -> None:
         value = f"{significant(entry.value)} {entry.unit}"
         outliers.append((place, entry.parameter, value, f"{entry.z:+.1f}", report))
     about_outliers = (
-        "Values that deviate from the median of their group by more than 3.5 robust standard deviations, "
-        "computed from the median absolute deviation (times 1.48) and the value's standard error.",
+        "Values farther from the median of their group than 1 % of normal groups of this size contain. "
+        "z is relative to the median absolute deviation (times 1.48) and the value's standard error.",
     )
     errors = list(batch.errors.items())[:_MOST_ROWS]
     # the first rows of the table and the rows of outliers, in few columns

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -23,9 +23,9 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 
 PAGE = "index.html"
-# Modified z value of an outlier (Iglewicz and Hoaglin, How to Detect and Handle Outliers, 1993).
-OUTLYING = 3.5
+OUTLYING = 0.01  # chance of an outlier in a group of normal values
 _LEAST_FOR_OUTLIERS = 5
+_DRAWS = 10_000  # simulated groups
 _CONTRADICTED = 0.01  # chance of refusing to share parameters that are the same
 
 
@@ -216,13 +216,32 @@ def group_differences(pooled: Sequence[PooledParameter]) -> list[GroupDifference
             a, b = first.effects, second.effects
             difference, std_err = b.mean - a.mean, float(np.hypot(a.std_err, b.std_err))
             # Degrees of freedom by Welch and Satterthwaite.
-            freedom = std_err**4 / (a.std_err**4 / (a.count - 1) + b.std_err**4 / (b.count - 1))
+            freedom = std_err**4 / (a.std_err**4 / a.freedom + b.std_err**4 / b.freedom)
             p_value = 2.0 * float(student_t.sf(abs(difference) / std_err, freedom))
             half = float(student_t.ppf(0.975, freedom)) * std_err
             interval = difference - half, difference + half
             made.append((*key, (first.group, second.group), difference, interval, p_value))
     corrected = holm([entry[-1] for entry in made])
     return [GroupDifference(*entry, p) for entry, p in zip(made, corrected, strict=True)]
+
+
+@cache
+def outlying_z(count: int) -> float:
+    """Return the largest modified z value that a group of normal values exceeds with probability `OUTLYING`.
+
+    Modified z values are those of Iglewicz and Hoaglin, How to Detect and Handle Outliers (1993); their limit
+    of 3.5 ignores that the median and the scatter of a small group are uncertain.
+
+    Args:
+        count: number of values in the group.
+    """
+    rng = np.random.default_rng(1)
+    largest: list[float] = []
+    while len(largest) < _DRAWS:
+        values = rng.standard_normal((max(1, min(_DRAWS, _DRAWS * 100 // count)), count))
+        away = np.abs(values - np.median(values, axis=1, keepdims=True))
+        largest += (away.max(axis=1) / (MAD_TO_SIGMA * np.median(away, axis=1))).tolist()
+    return float(np.quantile(largest, 1.0 - OUTLYING))
 
 
 def outliers(column: ParameterColumn, groups: Sequence[str]) -> list[Outlier]:
@@ -245,6 +264,6 @@ def outliers(column: ParameterColumn, groups: Sequence[str]) -> list[Outlier]:
         outlying += [
             Outlier(int(column.rows[place]), column.name, column.unit, float(value), float(score))
             for place, value, score in zip(places, values, z, strict=True)
-            if abs(score) > OUTLYING
+            if abs(score) > outlying_z(len(places))
         ]
     return outlying

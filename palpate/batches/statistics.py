@@ -17,6 +17,7 @@ class RandomEffects:
     count: int  # measurements
     mean: float  # common mean
     std_err: float  # standard error of the mean
+    freedom: float  # degrees of freedom of the intervals: effective number of values less one, at least one
     interval: tuple[float, float]  # 95 %, of the mean
     spread: float  # standard deviation of the true values between measurements
     prediction: tuple[float, float]  # 95 %, of the true value of a further measurement; NaN below three
@@ -24,12 +25,13 @@ class RandomEffects:
 
 
 def random_effects(values: FloatArray, std_errs: FloatArray) -> RandomEffects:
-    """Fit mean and spread by Paule and Mandel's estimator, with t intervals of the mean.
+    """Fit mean and spread by Paule and Mandel's estimator, with t intervals.
 
     Paule and Mandel, J. Res. NBS 87 (1982) 377; see Veroniki et al., Res. Synth. Methods 7 (2016) 55.
-    At its solution the factor of Hartung and Knapp (2001) is one, so that only the quantile is theirs. The
-    prediction interval is that of Higgins et al., J. R. Stat. Soc. A 172 (2009) 137; from few measurements it
-    is somewhat too short (Partlett and Riley, Stat. Med. 36 (2017) 301).
+    The intervals are those of Hartung and Knapp (2001), whose factor is one at this solution, and of Higgins
+    et al., J. R. Stat. Soc. A 172 (2009) 137. A few precise values may have almost all the weight; the
+    quantiles therefore use the effective number of values (Kish, Survey Sampling, 1965). The prediction
+    interval is still somewhat too short from few values (Partlett and Riley, Stat. Med. 36 (2017) 301).
 
     Args:
         values: shape (n,), n at least 1.
@@ -51,17 +53,18 @@ def random_effects(values: FloatArray, std_errs: FloatArray) -> RandomEffects:
     squared = brentq(excess, 0.0, most, xtol=1e-12 * most) if count > 1 and excess(0.0) > 0.0 else 0.0
     mean, weights = weighted_mean(squared)
     std_err = float(weights.sum() ** -0.5)
-    half = float(student_t.ppf(0.975, count - 1)) * std_err if count > 1 else float("nan")
+    freedom = max(float(weights.sum() ** 2 / (weights @ weights)) - 1.0, 1.0)
+    half = float(student_t.ppf(0.975, freedom)) * std_err if count > 1 else float("nan")
     wide = float("nan")
     if count > 2:
-        wide = float(student_t.ppf(0.975, count - 2) * np.hypot(np.sqrt(squared), std_err))
+        wide = float(student_t.ppf(0.975, max(freedom - 1.0, 1.0)) * np.hypot(np.sqrt(squared), std_err))
     fixed = 1.0 / variances
     # Typical variance within a measurement (Higgins and Thompson, Stat. Med. 21 (2002) 1539).
     spare = fixed.sum() ** 2 - (fixed**2).sum()
     typical = (count - 1) * fixed.sum() / spare if spare > 0.0 else float(variances.mean())
     share = squared / (squared + typical) if squared > 0.0 else 0.0
     interval, prediction = (mean - half, mean + half), (mean - wide, mean + wide)
-    return RandomEffects(count, mean, std_err, interval, squared**0.5, prediction, float(share))
+    return RandomEffects(count, mean, std_err, freedom, interval, squared**0.5, prediction, float(share))
 
 
 def shrunk(values: FloatArray, std_errs: FloatArray, effects: RandomEffects) -> FloatArray:

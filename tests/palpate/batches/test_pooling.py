@@ -46,6 +46,17 @@ def test_interval_of_the_mean_has_its_nominal_coverage(number):
     assert number < 30 or 0.92 <= predicted / 600 <= 0.98  # of few it is somewhat too short
 
 
+@pytest.mark.parametrize("number", [3, 5, 10])
+def test_interval_covers_if_only_some_values_are_precise(number):
+    rng = np.random.default_rng(6)
+    held = 0
+    for _ in range(600):
+        std_errs = rng.choice([0.1, 5.0], number)
+        found = random_effects(400.0 + np.hypot(1.0, std_errs) * rng.standard_normal(number), std_errs)
+        held += found.interval[0] <= 400.0 <= found.interval[1]
+    assert 0.92 <= held / 600 <= 0.98
+
+
 def test_partial_pooling_is_nearer_to_the_truth_than_single_values():
     rng = np.random.default_rng(7)
     truth = 100.0 + 3.0 * rng.standard_normal(40)
@@ -94,6 +105,13 @@ def test_outlier_is_named_and_an_uncertain_value_is_not():
     (outlier,) = outliers(column(values, std_errs), ["all"] * 8)
     assert (outlier.row, outlier.value) == (6, 160.0)
     assert outliers(column(values[5:], std_errs[5:]), ["all"] * 3) == []
+
+
+@pytest.mark.parametrize("number", [5, 6, 10, 50, 300])
+def test_clean_group_has_an_outlier_at_the_stated_rate(number):
+    rng = np.random.default_rng(12)
+    groups = [column(rng.normal(400.0, 5.0, number), np.zeros(number)) for _ in range(1_000)]
+    assert 3 <= sum(bool(outliers(group, ["all"] * number)) for group in groups) <= 20  # 10 expected
 
 
 def test_shared_value_is_within_its_interval_unless_estimates_differ():
