@@ -2,13 +2,15 @@
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from itertools import pairwise
 from math import comb
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import scipy
 
 from palpate.batches.table import BUDGET, floats, parameter_columns, texts
 from palpate.estimation.fit.intervals import SIGMAS_95
@@ -208,7 +210,8 @@ def find_changes(series: Series, level: float) -> list[TrendChange]:
     The largest step and the slope are tested together by permutation of the values. If the result is
     significant, the better of the two is accepted. A step splits the series, and both parts are searched in
     the same way (binary segmentation). The scale comes from differences between neighbors, which neither a
-    step nor a drift changes much. A change must also exceed the standard errors of the values (95 %).
+    step nor a drift changes much. The sizes of all changes are then fitted jointly, and a change must exceed
+    its standard error (95 %).
 
     Args:
         series: n values.
@@ -223,7 +226,7 @@ def find_changes(series: Series, level: float) -> list[TrendChange]:
             continue
         part = slice(begin, end)
         times, values, std_errs = series.times[part], series.values[part], series.std_errs[part]
-        weights = 1.0 / (_spread_squared(values[None], std_errs) + std_errs**2)[0]
+        weights = 1.0 / (_spread_squared(values, std_errs) + std_errs**2)
         mean = weights @ values / weights.sum()
         scaled = (values - mean) * np.sqrt(weights)
         observed = _statistics(scaled[None], times)
@@ -237,51 +240,76 @@ def find_changes(series: Series, level: float) -> list[TrendChange]:
         if p_value > level:
             continue
         *steps, drift = observed[0]
-        place = int(np.argmax(steps)) + _SIDE
+        place = begin + int(np.argmax(steps)) + _SIDE
         if max(steps) >= drift:
-            sides = (slice(0, place), slice(place, None))
-            stepped = np.concatenate(
-                [
-                    np.full_like(values[side], np.average(values[side], weights=weights[side]))
-                    for side in sides
-                ]
-            )
-            # the step's own difference is no scatter
-            scatter = _spread_squared((values - stepped)[None], std_errs)[0]
-            weights = 1.0 / (np.maximum(scatter, 1e-12 * np.mean(values**2)) + std_errs**2)
-            before, after = (float(np.average(values[side], weights=weights[side])) for side in sides)
-            std_err = float(np.sqrt(sum(1.0 / weights[side].sum() for side in sides)))
-            change = TrendChange("step", begin + place, end - 1, before, after, std_err, p_value)
+            changes.append(TrendChange("step", place, end - 1, 0.0, 0.0, 0.0, p_value))
+            parts += [(begin, place), (place, end)]
         else:
-            away = times - weights @ times / weights.sum()
-            slope = float((weights * away) @ values / (weights @ away**2))
-            rise = slope * float(np.ptp(times))
-            std_err = float(np.ptp(times) / np.sqrt(weights @ away**2))
-            start = float(mean + slope * away[0])
-            change = TrendChange("drift", begin, end - 1, start, start + rise, std_err, p_value)
-        if abs(change.after - change.before) > SIGMAS_95 * change.std_err:
-            changes.append(change)
-            if change.kind == "step":
-                parts += [(begin, change.first), (change.first, end)]
-    return sorted(changes, key=lambda change: change.first)
+            changes.append(TrendChange("drift", begin, end - 1, 0.0, 0.0, 0.0, p_value))
+    while changes := _with_joint_sizes(series, sorted(changes, key=lambda change: change.first)):
+        ratios = [abs(change.after - change.before) / change.std_err for change in changes]
+        if min(ratios) > SIGMAS_95:
+            break
+        del changes[int(np.argmin(ratios))]
+    return changes
 
 
-def _spread_squared(values: FloatArray, std_errs: FloatArray | float) -> FloatArray:
-    """Variance between measurements in excess of their standard errors, from neighbors, shape (m, 1).
+def _with_joint_sizes(series: Series, changes: Sequence[TrendChange]) -> list[TrendChange]:
+    """Fit the sizes of all changes, given in order: constants or lines between the steps, weighted.
 
-    Half the mean squared difference of values (m, n) is the variance (von Neumann, Ann. Math. Stat. 12 (1941)
-    367).
+    A size from one part of the series alone would contain other changes in this part.
     """
-    total = 0.5 * np.mean(np.diff(values, axis=1) ** 2, axis=1, keepdims=True)
-    tiny = 1e-200 + 1e-12 * np.mean(values**2, axis=1, keepdims=True)
-    return np.asarray(np.maximum(total - np.mean(np.square(std_errs)), tiny))
+    times, values, count = series.times, series.values, len(series.values)
+    borders = [0, *(change.first for change in changes if change.kind == "step"), count]
+    drifting = {change.first for change in changes if change.kind == "drift"}
+    columns = np.zeros((count, 2 * len(borders) - 2))
+    for number, (begin, end) in enumerate(pairwise(borders)):
+        columns[begin:end, 2 * number] = 1.0
+        if begin in drifting:
+            columns[begin:end, 2 * number + 1] = times[begin:end] - times[begin]
+    weights = np.ones(count)
+    tiny = 1e-12 * float(np.mean(values**2))
+    for _ in range(3):  # the residual shows the scatter, and so the weights of the next fit
+        information = np.linalg.pinv(columns.T @ (weights[:, None] * columns), hermitian=True)
+        coefficients = information @ columns.T @ (weights * values)
+        scatter = _spread_squared(values - columns @ coefficients, series.std_errs)
+        weights = 1.0 / (max(scatter, tiny) + series.std_errs**2)
+    sized = []
+    for change in changes:
+        is_step = change.kind == "step"
+        before = columns[change.first - is_step]
+        after = columns[change.first] if is_step else columns[change.last]
+        std_err = float(np.sqrt((after - before) @ information @ (after - before)))
+        start, end_value = float(before @ coefficients), float(after @ coefficients)
+        sized.append(replace(change, before=start, after=end_value, std_err=std_err))
+    return sized
+
+
+def _spread_squared(values: FloatArray, std_errs: FloatArray) -> float:
+    """Estimate the variance between measurements in excess of their standard errors, from n values.
+
+    With this variance, squared differences between neighbors have on average the expected size (R. C. Paule,
+    J. Mandel, J. Res. Natl. Bur. Stand. 87 (1982) 377). One uncertain value therefore hardly counts.
+    """
+    squares, noise = np.diff(values) ** 2, std_errs[1:] ** 2 + std_errs[:-1] ** 2
+    least, most = 1e-200 + 1e-12 * float(np.mean(values**2)), 0.5 * float(np.mean(squares))
+
+    def excess(log_variance: float) -> float:
+        return float(np.mean(squares / (2.0 * np.exp(log_variance) + noise))) - 1.0
+
+    if most <= least or excess(np.log(least)) <= 0.0:
+        return least
+    if excess(np.log(most)) >= 0.0:  # by rounding, without standard errors
+        return most
+    return float(np.exp(scipy.optimize.brentq(excess, np.log(least), np.log(most))))
 
 
 def _statistics(scaled: FloatArray, times: FloatArray) -> FloatArray:
     """Squared z values (m, places + 1) of a step at each place, and of a drift last, in m series (m, n)."""
     count = scaled.shape[1]
     centered = scaled - scaled.mean(axis=1, keepdims=True)
-    variance = _spread_squared(scaled, 0.0)
+    # Half the mean squared difference of neighbors (von Neumann, Ann. Math. Stat. 12 (1941) 367).
+    variance = 1e-200 + 0.5 * np.mean(np.diff(scaled, axis=1) ** 2, axis=1, keepdims=True)
     places = np.arange(_SIDE, count - _SIDE + 1)
     sums = np.cumsum(centered, axis=1)[:, places - 1]
     steps = sums**2 * count / (places * (count - places))

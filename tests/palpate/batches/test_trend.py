@@ -59,9 +59,34 @@ def test_error_of_a_step_comes_from_the_scatter_whatever_the_size_of_the_step(si
     assert np.mean(errors) == pytest.approx(0.03 * np.sqrt(2 / 20), rel=0.15)
 
 
+@pytest.mark.parametrize(
+    ("steps", "uncertain"),
+    [
+        ({20: 15.0}, True),  # one value has a standard error of twice the step
+        ({10: 10.0, 30: 20.0}, False),
+        ({14: 10.0, 22: -10.0}, False),  # an excursion
+    ],
+)
+def test_errors_cover_the_sizes_of_all_steps(steps, uncertain):
+    count, covered, found = 40, 0, 0
+    std_errs = np.full(count, 0.1)
+    std_errs[5] = 30.0 if uncertain else 0.1
+    for seed in range(40):
+        values = np.random.default_rng(seed).normal(400.0, 1.0, count)
+        for first, size in steps.items():
+            values[first:] += size
+        for change in find_changes(series(values, std_errs), LEVEL):
+            if change.first in steps:
+                found += 1
+                covered += abs(change.after - change.before - steps[change.first]) <= 2.0 * change.std_err
+    assert found > 10
+    assert covered >= 0.85 * found
+
+
 def test_step_without_any_scatter_is_found():
     (change,) = find_changes(series(np.repeat([0.0, 1.0], 20), np.zeros(40)), LEVEL / 10)
-    assert (change.kind, change.first, change.before, change.after) == ("step", 20, 0.0, 1.0)
+    assert (change.kind, change.first) == ("step", 20)
+    assert (change.before, change.after) == (0.0, pytest.approx(1.0, rel=1e-14))
 
 
 def test_drift_is_no_step_and_its_size_is_known():
