@@ -62,8 +62,8 @@ _SEPARATING = {
     (Kind.RATE_DEPENDENCE, Kind.FRICTION): (
         "move at a tenth of the speed: dry friction stays, viscous forces fall to a tenth"
     ),
-    (Kind.ELASTIC_SHAPE, Kind.SENSOR_STATICS): "check the force sensor with known weights",
-    (Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY): "press to one depth at two speeds, and hold there",
+    (Kind.ELASTIC_SHAPE, Kind.SENSOR_STATICS): "measure known loads: a sensor errs there too",
+    (Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY): "move to one position at two speeds, and hold there",
     (Kind.ELASTIC_SHAPE, Kind.CONTACT_GEOMETRY): (
         "press again on the same spot, and slowly through the first touch"
     ),

@@ -167,7 +167,9 @@ def contact_channels(ticks: Samples, *, tared: bool) -> tuple[ChannelData, ...]:
     """Return the contact force at each probed place as a channel.
 
     The position is the depth below the surface (see `find_surface`) along the press direction, at the times
-    at which the force was sampled.
+    at which the force was sampled. The direction of the first press is taken as the normal of the surface.
+    Presses in other directions are excluded: there the tip slides along the surface, so the depth is not the
+    travel along the press direction, and the sensor measures only a component of the force.
 
     Args:
         ticks: the stream "tick".
@@ -182,11 +184,11 @@ def contact_channels(ticks: Samples, *, tared: bool) -> tuple[ChannelData, ...]:
     contacts = find_contacts(chosen["force_n"], chosen["run"], chosen["phase"])
     places: list[tuple[FloatArray, list[Contact]]] = []  # center of each place, and the contacts there
     for contact in contacts:
-        if len(contact.rows) < _MIN_CONTACT_SAMPLES:
+        if len(contact.rows) < _MIN_CONTACT_SAMPLES or _is_tilted(contact, chosen, chosen[DIRECTION][0]):
             continue
         first = contact.rows[0]
         direction, tip = chosen[DIRECTION][first], chosen["tip_position_world_m"][first]
-        center = np.concatenate([tip - (tip @ direction) * direction, _SAME_PLACE_M * 10 * direction])
+        center = tip - (tip @ direction) * direction
         near = (touches for middle, touches in places if np.linalg.norm(center - middle) < _SAME_PLACE_M)
         if (touches := next(near, None)) is None:
             places.append((center, [contact]))
@@ -254,8 +256,8 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
     directions, valid = chosen[DIRECTION], np.ones(len(chosen), dtype=np.bool_)
     first = directions[0] if known is None else known
     for contact in contacts:
-        if len(rows := contact.rows) and directions[rows[0]] @ first < _SAME_DIRECTION:
-            begun_s, ended_s = time_s[rows[[0, -1]]]
+        if len(contact.rows) and _is_tilted(contact, chosen, first):
+            begun_s, ended_s = time_s[contact.rows[[0, -1]]]
             near = (time_s > begun_s - _CONTACT_MARGIN_S) & (time_s < ended_s + _CONTACT_MARGIN_S)
             valid &= ~(near & (chosen["run"] == contact.run))
     phase, names = chosen["phase"].astype(np.int64), [f"joint_{n}" for n in range(1, len(motions) + 1)]
@@ -264,6 +266,11 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
         for name, (x, v, a), effort in zip(names, motions, torque.T, strict=True)
     )
     return tuple(channel if valid.all() else channel.select(valid) for channel in channels)
+
+
+def _is_tilted(contact: Contact, ticks: Samples, normal: FloatArray) -> bool:
+    """Return whether a press with samples in contact had another direction than the surface's normal."""
+    return bool(ticks[DIRECTION][contact.rows[0]] @ normal < _SAME_DIRECTION)
 
 
 def _valid_ticks(ticks: Samples, *status_columns: str) -> BoolArray:

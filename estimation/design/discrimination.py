@@ -223,7 +223,7 @@ def choose_experiment(candidates: Sequence[Experiment]) -> ExperimentChoice | No
     ]
     index = max(equivalent, key=lambda number: (candidates[number].evidence, -candidates[number].duration_s))
     chosen = candidates[index]
-    advantage = "with the most evidence" if chosen.evidence else "shortest"
+    advantage = "one with the most evidence" if chosen.evidence else "shortest"
     shared_rank = f"{advantage} of {len(equivalent)} nearly equally informative experiments"
     rank = "most informative experiment" if len(equivalent) == 1 else shared_rank
     reason = (

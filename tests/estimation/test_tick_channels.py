@@ -181,6 +181,15 @@ def test_joint_ignores_presses_in_another_direction():
     assert len(joint_channels(turned, straight["press_direction_world"][0])[0]) == len(second)
 
 
+def test_contact_ignores_presses_in_another_direction():
+    straight = ticks(recorded())
+    turned = ticks(recorded(), press_direction_world=np.tile([-0.64, 0.0, -0.77], (len(straight), 1)))
+    (of_both,) = contact_channels(join_ticks([straight, turned]), tared=False)
+    (alone,) = contact_channels(straight, tared=False)
+    assert of_both.name == "contact"
+    np.testing.assert_array_equal(of_both.effort, alone.effort)
+
+
 def test_late_force_sample_is_aligned_with_the_torque():
     truth = recorded()
     late_s = 0.0004

@@ -3,12 +3,13 @@
 import re
 from dataclasses import replace
 from functools import cache, partial
+from itertools import combinations
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from palpate.estimation.channel import ChannelKind
+from palpate.estimation.channel import JOINTS, ChannelKind
 from palpate.estimation.design.next_experiment import (
     propose_exploring_experiment,
     propose_remedial_experiment,
@@ -29,7 +30,7 @@ from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import final_solution, fit_model
 from palpate.estimation.fit.intervals import estimate_parameters
 from palpate.estimation.fit.measurement_noise import MeasurementNoise, NoiseSource
-from palpate.estimation.kinds import Kind
+from palpate.estimation.kinds import Kind, separating_experiment
 from palpate.estimation.model import Model
 from tests.estimation.contact_data import channel
 from tests.estimation.presses import NOISE_N, kelvin_voigt, session
@@ -338,6 +339,12 @@ def test_next_experiment_varies_the_signal_of_the_error(signals, words):
     found = propose_exploring_experiment(signals, data)
     assert found.instruction.startswith(words)
     assert found.purpose.endswith(", ".join(signals) or "nothing found yet")
+
+
+def test_experiments_for_joints_name_no_device_that_a_joint_lacks():
+    kinds = sorted({effect.kind for effect in EFFECTS.values() if not JOINTS.isdisjoint(effect.channels)})
+    for pair in combinations(kinds, 2):
+        assert not re.search(r"force sensor|\bpress\b", separating_experiment(*pair)), pair
 
 
 @pytest.mark.parametrize(
