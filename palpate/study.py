@@ -444,6 +444,13 @@ class Study(ModelStudy):
 
         return next_probe(self, diagnosed, longest_s, progress, processes=os.cpu_count() or 1)
 
+    def _can_plan(self) -> bool:
+        if find_spec("pinocchio") is None:
+            return False
+        from palpate.planning.next_probe import can_plan  # noqa: PLC0415, with the simulator
+
+        return can_plan(self)
+
 
 def _refuse_several(channels: Sequence[str]) -> None:
     if twice := [name for name in channels if channels.count(name) > 1]:

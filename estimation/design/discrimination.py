@@ -153,6 +153,20 @@ def _slopes(rival: FitResult, motion: ChannelData) -> FloatArray:
     return scaled
 
 
+def separated_names(names: Sequence[str], lead: FloatArray) -> list[str]:
+    """Return the first rival that an experiment separates from any, then those from which it is separated.
+
+    Args:
+        names: names of the rivals.
+        lead: expected leads between them, shape (r, r).
+    """
+    apart = (lead > SMALL) | (lead.T > SMALL)
+    for name, row in zip(names, apart, strict=True):
+        if row.any():
+            return [name, *(other for other, is_apart in zip(names, row, strict=True) if is_apart)]
+    return []
+
+
 EQUIVALENT = 0.9  # ratio to the best experiment's lead above which experiments are equivalent
 
 

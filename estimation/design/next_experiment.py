@@ -12,7 +12,12 @@ from pydantic import BaseModel, ConfigDict
 
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data_quality import SINGLE_RUN
-from palpate.estimation.design.discrimination import Experiment, RivalModels, choose_experiment
+from palpate.estimation.design.discrimination import (
+    Experiment,
+    RivalModels,
+    choose_experiment,
+    separated_names,
+)
 from palpate.estimation.effect import Effect
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.kinds import Kind, separating_experiment
@@ -32,10 +37,19 @@ _CHANGES = (  # factor on the speed, factor on the range, and instruction
 _REVERSAL = (1.0, -1.0, "repeat the motion in the other direction")
 
 
+def can_vary(data: ChannelData) -> bool:
+    """Return whether all signals of a changed motion can be computed, unlike the regressor of an arm.
+
+    Args:
+        data: the recorded channel.
+    """
+    return not set(data.context) - set(_ARM_SIGNALS) - data.recorded
+
+
 def _candidate_motions(data: ChannelData) -> Iterator[tuple[str, float, ChannelData]]:
     """Yield changed motions: instruction, duration [s], and the channel; its effort has no meaning."""
-    if set(data.context) - set(_ARM_SIGNALS) - data.recorded:
-        return  # signals that cannot be computed for a changed motion, such as the regressor of an arm
+    if not can_vary(data):
+        return
     duration_s = sum(float(np.ptp(data.time_s[data.run == run])) for run in data.runs)
     is_one_way = data.kind is not ChannelKind.CONTACT and never_returns(data.position, data.run)
     for speed_factor, range_factor, instruction in (*_CHANGES, _REVERSAL) if is_one_way else _CHANGES:
@@ -81,6 +95,8 @@ _REPEAT_RUNS = (
     "column `run` numbers them"
 )
 _FINER_SENSOR = "use a finer sensor, or a motion that takes more effort: harder, faster, or wider"
+NO_VARIED_MOTION = "no change of the recorded motion is expected to separate the explanations"
+NO_PROBE = "no experiment of this arm is expected to separate the explanations"
 _UNLOADED = "begin and end each run without load"
 _WIDER = "move over a wider range, slowly and fast, in both directions"
 _BY_SIGNAL: Mapping[str, str] = {
@@ -119,34 +135,55 @@ class NextProbe:
     channels: tuple[str, ...]  # channels about which it gives information
 
 
-def propose_separating_experiment(
-    effect: Effect, fits: Mapping[str, FitResult], data: ChannelData
-) -> NextExperiment:
-    """Choose the experiment that separates an effect from the effects with which it may be confused.
+def propose_varied_motion(fits: Mapping[str, FitResult], data: ChannelData) -> NextExperiment | None:
+    """Choose the change of the recorded motion that separates rivals best; None if none is expected to.
+
+    Args:
+        fits: fit of each rival model, by name of the effect in which they differ; the accepted one first.
+        data: the recorded channel.
+    """
+    rivals = RivalModels.of(list(fits.values()))
+    choice = choose_experiment(
+        [
+            Experiment(instruction, duration_s, (rivals.predicted_leads(changed),))
+            for instruction, duration_s, changed in _candidate_motions(data)
+        ]
+    )
+    if choice is None:
+        return None
+    names = separated_names(list(fits), choice.experiment.leads[0])
+    return NextExperiment(
+        purpose=describe_separation(names),
+        separates=names,
+        instruction=choice.experiment.instruction,
+        probe={},
+    )
+
+
+def propose_known_experiment(effect: Effect, names: Sequence[str], data: ChannelData) -> NextExperiment:
+    """Propose the experiment that the library states for an effect and one of its rivals.
 
     Args:
         effect: effect that was accepted.
-        fits: fit of the model with the effect, and with each rival in its place, by name of the effect.
+        names: names of the effect and of its rivals.
         data: the recorded channel.
     """
-    names = list(fits)
-    rivals = RivalModels.of(list(fits.values()))
-    offered = [
-        Experiment(instruction, duration_s, (rivals.predicted_leads(changed),))
-        for instruction, duration_s, changed in _candidate_motions(data)
-    ]
-    choice = choose_experiment(offered)
-    if choice is not None:
-        instruction = choice.experiment.instruction
-    else:
-        hint = next((effect.confused_with[name] for name in names if name in effect.confused_with), _WIDER)
-        instruction = f"{hint} ({_describe_recorded(data)})"
+    hint = next((effect.confused_with[name] for name in names if name in effect.confused_with), _WIDER)
     return NextExperiment(
-        purpose=f"tell {effect.name} from {', '.join(name for name in names if name != effect.name)}",
-        separates=names,
-        instruction=instruction,
+        purpose=describe_separation([effect.name, *(name for name in names if name != effect.name)]),
+        separates=list(names),
+        instruction=f"{hint} ({_describe_recorded(data)})",
         probe={},
     )
+
+
+def describe_separation(names: Sequence[str]) -> str:
+    """Describe the purpose of an experiment that separates the first of several rivals from the others.
+
+    Args:
+        names: names of the rivals.
+    """
+    return f"tell {names[0]} from {', '.join(names[1:])}"
 
 
 def propose_kind_separating_experiment(effect: Effect, kind: Kind, data: ChannelData) -> NextExperiment:

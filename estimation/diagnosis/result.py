@@ -177,6 +177,7 @@ class ChannelDiagnosis(TableDisplay, _Entry):
     depends_on: list[str] = Field(default_factory=list)  # the same as in `remaining`
     differs_between_runs: str = ""  # the parameter that alone differs, with its range
     next_experiment: NextExperiment | None = None  # the most informative one; None if none would help
+    no_experiment: str = ""  # states that none is expected to separate the explanations; empty otherwise
     # How a very long recording was averaged, and why no information is lost; empty otherwise.
     averaged: str = ""
     recovers: bool = False  # whether relaxation in earlier runs is taken to have no effect

@@ -11,11 +11,14 @@ from palpate.estimation.budget.budget import error_budget
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.design.next_experiment import (
+    NO_VARIED_MOTION,
+    can_vary,
     propose_exploring_experiment,
     propose_kind_separating_experiment,
+    propose_known_experiment,
     propose_remedial_experiment,
     propose_repetition,
-    propose_separating_experiment,
+    propose_varied_motion,
 )
 from palpate.estimation.diagnosis.acceptance import (
     MIN_OF_UNEXPLAINED,
@@ -293,12 +296,18 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
         following = propose_repetition(beyond.run, purpose)
     elif beyond := evidence.extrapolation:
         following = propose_repetition(beyond.run, "predict each run from another one with the same motion")
-    confused = next((entry.effect for entry in accepted if entry.confused_with), None)
-    if confused is not None:
-        effect = next(known for known in search.effects if known.name == confused)
-        following = propose_separating_experiment(
-            effect, {confused: evidence.end, **evidence.rivals[confused]}, search.data
+    confused, no_experiment = [entry for entry in accepted if entry.confused_with], ""
+    if confused:
+        varied = (
+            propose_varied_motion({entry.effect: evidence.end, **evidence.rivals[entry.effect]}, search.data)
+            for entry in confused
         )
+        following = next(filter(None, varied), None)
+        if following is None:
+            effect = next(known for known in search.effects if known.name == confused[0].effect)
+            names = [effect.name, *confused[0].confused_with]
+            following = propose_known_experiment(effect, names, search.data)
+            no_experiment = NO_VARIED_MOTION if can_vary(search.data) else ""
     elif replaced := [(name, kinds) for name, kinds in evidence.replacing_kinds.items() if kinds]:
         name, others = replaced[0]
         closest = min(others, key=others.__getitem__)
@@ -328,6 +337,7 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
         depends_on=evidence.signals,
         differs_between_runs=_differing_parameter(evidence),
         next_experiment=following,
+        no_experiment=no_experiment,
     )
     added = [entry.effect for entry in accepted]
     chains = {tuple(added[:count]): fit for count, fit in enumerate(evidence.stages)}

@@ -6,6 +6,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 from palpate.estimation.design.discrimination import SMALL
+from palpate.estimation.design.next_experiment import NO_PROBE, NO_VARIED_MOTION, propose_known_experiment
 from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.estimation.diagnosis.candidates import applicable_effects, is_misnamed, screen_effects
 from palpate.estimation.diagnosis.result import AcceptedEffect, FitSummary, stage_numbers
@@ -18,7 +19,7 @@ from palpate.estimation.models import MODELS
 from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.estimation.study.channels import ARM_MODEL, FITTED_ARM_MODEL, StudyChannel
 from palpate.estimation.study.comparison import FAR, Comparison
-from palpate.estimation.study.study import ModelStudy
+from palpate.estimation.study.fits import StudyFits
 from palpate.robot_io.errors import InputError
 
 MAX_RIVALS = 6  # largest number of rivals that are compared
@@ -72,7 +73,7 @@ def _replace_effect(names: Sequence[str], place: str, rival: str, parts: Sequenc
 
 
 def rivals_of(
-    study: ModelStudy, channel: StudyChannel, diagnosis: ChannelDiagnosis
+    study: StudyFits, channel: StudyChannel, diagnosis: ChannelDiagnosis
 ) -> list[dict[str, FitResult]]:
     """Fit the rival models of each open question, by the names of their effects, the best first.
 
@@ -104,8 +105,38 @@ def rivals_of(
     return questions
 
 
+def state_inseparable(
+    study: StudyFits, channel: StudyChannel, diagnosis: ChannelDiagnosis, *, is_arm: bool
+) -> ChannelDiagnosis:
+    """Drop explanations that contain a simpler one, and state that no experiment separates the others.
+
+    Explanations of recorded data that are still left keep the experiment that the library states for them.
+
+    Args:
+        study: the measurement and its fits.
+        channel: the channel with its base model.
+        diagnosis: the diagnosis of that channel.
+        is_arm: whether the experiments of an arm were examined, not changes of the recorded motion.
+    """
+    settled = keep_simplest_rivals(study, channel, diagnosis)
+    before, after = (
+        [name for entry in item.accepted for name in _candidates(entry)] for item in (diagnosis, settled)
+    )
+    statement = NO_PROBE if is_arm else NO_VARIED_MOTION
+    if dropped := dict.fromkeys(name for name in before if name not in after):
+        statement = (
+            f"laws that contain a simpler one are left out ({', '.join(dropped)}), because {statement}"
+        )
+    open_entry = next((entry for entry in settled.accepted if entry.confused_with), None)
+    following = None
+    if open_entry is not None and not is_arm:
+        effect = next(effect for effect in study.effects if effect.name == open_entry.effect)
+        following = propose_known_experiment(effect, _candidates(open_entry), channel.data)
+    return settled.model_copy(update={"next_experiment": following, "no_experiment": statement})
+
+
 def keep_simplest_rivals(
-    study: ModelStudy, channel: StudyChannel, diagnosis: ChannelDiagnosis
+    study: StudyFits, channel: StudyChannel, diagnosis: ChannelDiagnosis
 ) -> ChannelDiagnosis:
     """Remove rivals that contain a simpler one.
 
@@ -145,7 +176,10 @@ def keep_simplest_rivals(
 
 
 def _with_accepted(
-    study: ModelStudy, channel: StudyChannel, diagnosis: ChannelDiagnosis, accepted: Sequence[AcceptedEffect]
+    study: StudyFits,
+    channel: StudyChannel,
+    diagnosis: ChannelDiagnosis,
+    accepted: Sequence[AcceptedEffect],
 ) -> ChannelDiagnosis:
     """Replace the accepted effects, and update their descriptions and the numbers of their fits."""
     changed = diagnosis.model_copy(update={"accepted": list(accepted)})
@@ -200,7 +234,7 @@ _EQUAL_RATIO = 1.02  # largest ratio to the error of a complete model at which a
 
 
 def better_model(
-    study: ModelStudy, channel: StudyChannel, max_error: float, parameters: int | None = None
+    study: StudyFits, channel: StudyChannel, max_error: float, parameters: int | None = None
 ) -> tuple[str, float] | None:
     """Return the base model that fits a channel best and its held-out error; None if the error is too large.
 
@@ -226,7 +260,7 @@ def better_model(
 
 
 def far_better_model(
-    study: ModelStudy, channel: StudyChannel, usual: Comparison | None
+    study: StudyFits, channel: StudyChannel, usual: Comparison | None
 ) -> tuple[str, float] | None:
     """Return a base model that fits far better than the usual one, and its held-out error.
 
@@ -243,7 +277,7 @@ def far_better_model(
 
 
 def better_explanation(
-    study: ModelStudy, channel: StudyChannel, diagnosis: ChannelDiagnosis
+    study: StudyFits, channel: StudyChannel, diagnosis: ChannelDiagnosis
 ) -> tuple[str, float] | None:
     """Return a base model that explains the channel far better than the usual one, and its held-out error.
 
@@ -266,7 +300,7 @@ def better_explanation(
 
 
 def error_with_fitted_masses(
-    study: ModelStudy, channel: StudyChannel, diagnosis: ChannelDiagnosis
+    study: StudyFits, channel: StudyChannel, diagnosis: ChannelDiagnosis
 ) -> float | None:
     """Return the held-out error with fitted masses of the arm's links [effort]; None unless clearly lower.
 

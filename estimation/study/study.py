@@ -32,6 +32,7 @@ from palpate.estimation.study.estimates import (
     only_runs,
 )
 from palpate.estimation.study.fits import StudyFits
+from palpate.estimation.study.other_models import is_undecided, state_inseparable
 from palpate.estimation.study.results import (
     ChannelResult,
     ModelStage,
@@ -134,12 +135,7 @@ class ModelStudy(StudyFits):
                     self.take_fit(member, added, packed)
             entries = judged.channels
             probe = self.next_probe(entries, progress=progress) if plan else None
-            if probe is not None:  # use the planned probe instead of a varied repetition of the motion
-                change = {"next_experiment": probe.proposal}
-                entries = [
-                    entry.model_copy(update=change) if entry.channel in probe.channels else entry
-                    for entry in entries
-                ]
+            entries = self.settle(entries, probe) if plan else entries
             averaged, warnings = self.source.averaged, self.warnings
             with self._lock:
                 for member, entry in zip(chosen, entries, strict=True):
@@ -155,6 +151,29 @@ class ModelStudy(StudyFits):
                 self._save_stages(member, [accepted.effect for accepted in entry.accepted], None)
         names = "+".join(dict.fromkeys(member.model.name for member in chosen))
         return StudyDiagnosis(file=self._file, model=names, channels=entries)
+
+    def settle(
+        self, diagnosed: Sequence[ChannelDiagnosis], probe: NextProbe | None
+    ) -> list[ChannelDiagnosis]:
+        """Give each channel its next experiment, or state that none is expected to separate its explanations.
+
+        Args:
+            diagnosed: diagnoses of channels of this study.
+            probe: the next probe of the arm; None if none helps, or without an arm.
+        """
+        settled = []
+        can_plan = any(map(is_undecided, diagnosed)) and self._can_plan()
+        for entry in diagnosed:
+            is_inseparable = probe is None if can_plan else bool(entry.no_experiment)
+            if probe is not None and entry.channel in probe.channels:
+                planned = {"next_experiment": probe.proposal, "no_experiment": ""}
+                settled.append(entry.model_copy(update=planned))
+            elif is_undecided(entry) and is_inseparable:
+                channel = self.channel(entry.channel)
+                settled.append(state_inseparable(self, channel, entry, is_arm=can_plan))
+            else:
+                settled.append(entry)
+        return settled
 
     def next_probe(
         self,
@@ -188,6 +207,10 @@ class ModelStudy(StudyFits):
     ) -> NextProbe | None:
         """Plan an experiment for the arm of the recording; here no arm is known."""
         return None
+
+    def _can_plan(self) -> bool:
+        """Return whether probes can be planned for the arm of the recording; here no arm is known."""
+        return False
 
     def diagnosis_data(self, diagnosis: StudyDiagnosis) -> dict[str, Any]:
         """Return a diagnosis as plain data with the identity of data and models; the keys are stable.

@@ -16,12 +16,18 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.tick_channels import DIRECTION, contact_channels, joint_channels
 from palpate.estimation.design.discrimination import (
     EQUIVALENT,
-    SMALL,
     Experiment,
     RivalModels,
     choose_experiment,
+    separated_names,
 )
-from palpate.estimation.design.next_experiment import FEW_READINGS, LONGEST_S, NextExperiment, NextProbe
+from palpate.estimation.design.next_experiment import (
+    FEW_READINGS,
+    LONGEST_S,
+    NextExperiment,
+    NextProbe,
+    describe_separation,
+)
 from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.estimation.study import ModelStudy, StudyChannel
 from palpate.estimation.study.channels import channel_of
@@ -121,16 +127,29 @@ def next_probe(
     if choice is None:
         return None
     candidate, leads = every[choice.index].candidate, choice.experiment.leads
-    separated = [design for design, lead in zip(open_questions, leads, strict=True) if (lead > SMALL).any()]
-    names = list(dict.fromkeys(name for design in separated for name in design.names))
+    separated = [
+        (design.channel.name, names)
+        for design, lead in zip(open_questions, leads, strict=True)
+        if (names := separated_names(design.names, lead))
+    ]
     proposal = NextExperiment(
-        purpose=f"distinguish {', '.join(names)}",
-        separates=names,
+        purpose=" and to ".join(dict.fromkeys(describe_separation(names) for _, names in separated)),
+        separates=list(dict.fromkeys(name for _, names in separated for name in names)),
         instruction=candidate.words,
         probe=candidate.settings,
     )
-    channels = tuple(dict.fromkeys(design.channel.name for design in separated))
+    channels = tuple(dict.fromkeys(channel for channel, _ in separated))
     return NextProbe(candidate.plan, proposal, choice.reason, channels)
+
+
+def can_plan(study: ModelStudy) -> bool:
+    """Return whether the arm of a study, its object and its plan are known, so that probes can be planned.
+
+    Args:
+        study: the study.
+    """
+    session = study.source.session
+    return session is not None and study.source.probed and _rehearsal(study, session) is not None
 
 
 def _stated_probe(study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis]) -> NextProbe | None:

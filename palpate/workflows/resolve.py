@@ -14,7 +14,7 @@ from palpate.control.probing.plan import ProbingPlan
 from palpate.estimation.design.next_experiment import LONGEST_S, NextProbe
 from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.estimation.study.fitting import Progress
-from palpate.estimation.study.other_models import is_undecided, keep_simplest_rivals
+from palpate.estimation.study.other_models import is_undecided
 from palpate.estimation.study.saved_diagnosis import RESULT
 from palpate.robot_io.errors import InputError
 from palpate.runs.probing import NO_WATCHER, ProbingJob, Watcher, run_probing
@@ -150,12 +150,10 @@ def resolve(  # noqa: PLR0917
             shown |= {
                 item.channel for item in judged if item.verdict in {Verdict.MISSING, Verdict.UNEXPLAINED}
             }
-            if end is StopReason.INSEPARABLE:
-                # State the law that all others contain, where there is one.
-                judged = [keep_simplest_rivals(study, study.channel(item.channel), item) for item in judged]
-                if not any(is_undecided(item) for item in judged):
-                    end = StopReason.SIMPLEST
-                diagnosis = diagnosis.model_copy(update={"channels": judged})
+            judged = study.settle(judged, following)
+            if end is StopReason.INSEPARABLE and not any(is_undecided(item) for item in judged):
+                end = StopReason.SIMPLEST
+            diagnosis = diagnosis.model_copy(update={"channels": judged})
         write_text(output_folder(folder / "study") / RESULT, json_text(study.diagnosis_data(diagnosis)))
         explanations = []
         for item in judged:
@@ -168,7 +166,7 @@ def resolve(  # noqa: PLR0917
                 explanations.append(f"{item.channel} shows {' and '.join(filter(None, (names, rest)))}")
         what = "; ".join(explanations) or "nothing is missing"
         then = _ENDS[end or StopReason.SEPARATED]
-        if following is not None:
+        if end is None and following is not None:
             then = f"next, to {following.proposal.purpose}: {following.reason}"
         decision = ProbeDecision(
             probe=number + 1,
@@ -180,14 +178,14 @@ def resolve(  # noqa: PLR0917
                 if item.accepted
             },
             end=end,
-            next=following.proposal.instruction if following else "",
+            next=following.proposal.instruction if end is None and following else "",
             sentence=f"after {count(number + 1, 'probe')}: {what}; {then}",
         )
         decisions.append(decision)
         with (folder / DECISIONS).open("a", encoding="utf-8") as log:
             log.write(json.dumps(asdict(decision)) + "\n")
         on_decision(decision)
-        if following is None:
+        if end is not None or following is None:
             return ResolveResult(folder, tuple(decisions), tuple(judged))
         job = replace(job, plan=following.plan)
 
@@ -209,10 +207,11 @@ def _decide(
         return StopReason.INSUFFICIENT, None
     following = design(study, diagnoses, min(left_s, LONGEST_S), progress)
     if following is not None:
-        return (StopReason.PROBES, None) if is_last else (None, following)
+        return (StopReason.PROBES if is_last else None), following
     if not undecided:
         return StopReason.INSUFFICIENT, None
-    if left_s < LONGEST_S and design(study, diagnoses, LONGEST_S, progress) is not None:
-        return StopReason.SECONDS, None
+    following = design(study, diagnoses, LONGEST_S, progress) if left_s < LONGEST_S else None
+    if following is not None:
+        return StopReason.SECONDS, following
     is_named = any(diagnosis.accepted for diagnosis in undecided)
     return (StopReason.INSEPARABLE if is_named else StopReason.UNEXPLAINED), None

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.usefixtures("few_effects", "without_figures")
 FOLLOWER = ROOT / "sim_backend" / "arms" / "follower" / "follower.urdf"
 KEYS = {
     *("channel", "verdict", "reason", "noise_floor", "baseline", "accepted", "ranking", "final"),
-    *("depends_on", "next_experiment"),
+    *("depends_on", "next_experiment", "no_experiment"),
 }
 
 

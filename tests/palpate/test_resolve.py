@@ -208,7 +208,7 @@ def test_only_named_effects_are_called_inseparable(tmp_path, diagnosed, named, m
     left = shown.model_copy(update={"verdict": Verdict.UNEXPLAINED, "accepted": [], "complete": False})
     said = diagnosed if named else diagnosed.model_copy(update={"channels": [left]})
     monkeypatch.setattr(Study, "diagnose", lambda *_, **__: said)
-    monkeypatch.setattr("palpate.workflows.resolve.keep_simplest_rivals", lambda study, channel, item: item)
+    monkeypatch.setattr(Study, "settle", lambda study, judged, probe: list(judged))
     job = ProbingJob(find_robot("follower"), tmp_path / "r" / "p.mcap", QUICK, seed=SEED, online=None)
     (decision,) = resolve(job, 2, 120.0, "joint_1", design=lambda *_: None).decisions
     assert decision.end in (

@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from palpate.estimation.base_model import ModelContext
-from palpate.estimation.design.discrimination import Experiment, RivalModels, choose_experiment
+from palpate.estimation.design.discrimination import (
+    Experiment,
+    RivalModels,
+    choose_experiment,
+    separated_names,
+)
 from palpate.estimation.design.next_experiment import _candidate_motions, extent
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import fit_model
@@ -114,6 +119,13 @@ def test_experiment_that_separates_most_pairs_is_preferred():
     one_pair[0, 2] = one_pair[2, 0] = 0.3
     offered = [Experiment("none", 1, (np.full((3, 3), 0.01),)), Experiment("one", 1, (one_pair,))]
     assert choose_experiment(offered).index == 1
+
+
+def test_only_rivals_that_an_experiment_separates_are_named():
+    lead = np.zeros((3, 3))
+    assert separated_names(["a", "b", "c"], lead) == []
+    lead[2, 0] = 0.2  # if c is true, a is rejected
+    assert separated_names(["a", "b", "c"], lead) == ["a", "c"]
 
 
 def test_recorded_motion_is_offered_faster_slower_and_further(shallow):

@@ -11,9 +11,11 @@ import pytest
 
 from palpate.estimation.channel import JOINTS, ChannelKind
 from palpate.estimation.design.next_experiment import (
+    NO_VARIED_MOTION,
+    can_vary,
     propose_exploring_experiment,
+    propose_known_experiment,
     propose_remedial_experiment,
-    propose_separating_experiment,
 )
 from palpate.estimation.diagnosis import diagnose, verdict
 from palpate.estimation.diagnosis.forms import Form, analyze_kinds
@@ -312,15 +314,16 @@ def test_indistinguishable_effects_are_listed_with_a_separating_experiment(scale
     if confused:
         assert found.next_experiment.separates == ["weight", "joint_spring"]
         assert found.next_experiment.purpose == "tell weight from joint_spring"
+        assert found.no_experiment == NO_VARIED_MOTION  # the library's advice goes further
 
 
 def test_fixed_motion_gets_the_effect_s_own_advice():
     data = replace(swings(5), context={"payload_effort_per_kg": np.ones(len(swings(5)))})
-    one = fit_model(data, SWING.with_effect(EFFECTS["payload"]()), {})
-    found = propose_separating_experiment(EFFECTS["payload"](), {"payload": one, "gravity_tilt": one}, data)
+    found = propose_known_experiment(EFFECTS["payload"](), ["payload", "gravity_tilt"], data)
     assert found.instruction.startswith("change the posture (the motion recorded here goes")
-    unknown = propose_separating_experiment(EFFECTS["payload"](), {"payload": one, "drift": one}, data)
+    unknown = propose_known_experiment(EFFECTS["payload"](), ["payload", "drift"], data)
     assert unknown.instruction.startswith("move over a wider range, slowly and fast, in both directions (")
+    assert not can_vary(data)
 
 
 @pytest.mark.parametrize(

@@ -6,11 +6,20 @@ import numpy as np
 import pytest
 
 from palpate.control.loop.task import Phase
+from palpate.estimation.design.next_experiment import (
+    NO_PROBE,
+    NO_VARIED_MOTION,
+    NextExperiment,
+    propose_known_experiment,
+    propose_varied_motion,
+)
 from palpate.estimation.diagnosis import ChannelDiagnosis
 from palpate.estimation.diagnosis.candidates import effect_library
 from palpate.estimation.diagnosis.result import AcceptedEffect
+from palpate.estimation.effects import EFFECTS
 from palpate.estimation.study import ModelStudy
 from palpate.estimation.study.other_models import keep_simplest_rivals, rival_effects
+from tests.estimation.presses import kelvin_voigt, session
 from tests.estimation.study.joints import joints
 
 
@@ -59,6 +68,34 @@ def test_simplest_effect_of_each_group_is_stated(study):
         ("coulomb_friction", ["asymmetric_friction"]),
         ("bias", ["asymmetric_friction"]),
     ]
+
+
+def test_law_that_contains_the_stated_one_is_no_reason_for_an_experiment():
+    """A power law beside a spring, with the exponent 3, is a cubic spring."""
+    data = session(4, lambda t, x, v, run: kelvin_voigt(x, v) + 3e6 * x**3)
+    pressed = ModelStudy((data,), "kelvin_voigt")
+    channel, names = pressed.channel("contact"), ["cubic_stiffness", "power_law_stiffness"]
+    fits = {name: pressed.fit(channel, [name]).training_fit for name in names}
+    assert propose_varied_motion(fits, channel.data) is None
+    following = propose_known_experiment(EFFECTS[names[0]](), names, channel.data)
+    changed = {"channel": "contact", "next_experiment": following, "no_experiment": NO_VARIED_MOTION}
+    entry = _diagnosis_of((names[0], names[1:])).model_copy(update=changed)
+    (found,) = pressed.settle([entry], None)
+    assert [(one.effect, one.confused_with) for one in found.accepted] == [("cubic_stiffness", [])]
+    assert found.next_experiment is None
+    assert "laws that contain a simpler one are left out (power_law_stiffness)" in found.no_experiment
+
+
+@pytest.mark.parametrize("is_arm", [True, False])
+def test_arm_proposes_no_experiment_that_it_found_useless(study, monkeypatch, is_arm):
+    """A recording keeps the experiment that the library states, which is no change of its motion."""
+    monkeypatch.setattr(study, "_can_plan", lambda: is_arm)
+    varied = NextExperiment(purpose="p", separates=[], instruction="three times as fast", probe={})
+    changed = {"next_experiment": varied, "no_experiment": NO_VARIED_MOTION}
+    entry = _diagnosis_of(("coulomb_friction", ["joint_spring"])).model_copy(update=changed)
+    (settled,) = study.settle([entry], None)
+    assert (settled.next_experiment is None) == is_arm
+    assert settled.no_experiment == (NO_PROBE if is_arm else NO_VARIED_MOTION)
 
 
 def _diagnosis_of(*groups):
