@@ -210,7 +210,8 @@ def _flaws(revision: Revision, number: int) -> Iterator[str]:
         yield f"its parameter {missing[0]} is missing"
     for name in (name for name in effects if name in EFFECTS):
         for parameter in EFFECTS[name].inner:
-            value = revision.parameters[f"{name}.{parameter.name}"].value
+            saved_parameter = revision.parameters.get(f"{name}.{parameter.name}")  # None in another form
+            value = parameter.lower if saved_parameter is None else saved_parameter.value
             if not parameter.lower <= value <= parameter.upper:
                 bounds = f"{parameter.lower:g} to {parameter.upper:g}"
                 yield f"its parameter {name}.{parameter.name} is {value:g}, beyond {bounds}"
