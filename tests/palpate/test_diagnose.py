@@ -157,8 +157,6 @@ def test_recorded_column_that_explains_the_error_is_named(tmp_path):
     assert blamed.stdout.startswith("contact  Of the 0.17 N error: recorded context 98 %")
     assert "\nMISSING  contact: recorded_dependence" in blamed.stdout
     assert "change_warmth" in blamed.stdout
-    run("add", warm, "--context", "warmth", "recorded_dependence")
-    assert "recorded_dependence" in run("revisions", warm).stdout  # its parameter is named after the column
 
 
 def test_next_commands_name_their_joint(tmp_path, monkeypatch):
