@@ -55,7 +55,7 @@ def fit_smoothing_bias(
 def _is_plausible_bias(bias: FloatArray, gains: FloatArray) -> bool:
     """Check that the fitted smoothing bias is at most a few times the bias expected from the filters."""
     # With arbitrary gains, columns of smoothing bias could imitate a missing law, such as a spring.
-    expected = bias[:, -1]  # smoothing bias of the effort for the widest window
+    expected = bias[:, -1]  # smoothing bias of the effort for the filter that removes most
     return bool(np.sum((bias @ gains) ** 2) <= _MOST_TIMES**2 * np.sum(expected**2))
 
 
@@ -107,8 +107,8 @@ def is_below_cutoff(
 def smoothing_bias(blocked: BlockedData, effort: FloatArray, filters: DifferentiationFilter) -> FloatArray:
     """Compute columns (m, k) of the parts that smoothing removed from velocity, acceleration and effort.
 
-    Each column is a sum of powers that restores a signal; the last ones restore the effort. The powers of the
-    acceleration have separate columns, since it also contains the most noise.
+    Each column is a sum of powers that restores a signal; the last ones restore the effort, the largest one
+    last. The powers of the acceleration have separate columns, since it also contains the most noise.
 
     Args:
         blocked: the channel on m blocks.
@@ -120,6 +120,7 @@ def smoothing_bias(blocked: BlockedData, effort: FloatArray, filters: Differenti
     every = tuple(sorted({*filters[0], *filters[1]}))
     columns = [np.empty((len(effort), 0))]
     for signal, windows in zip((velocity, acceleration, effort), (*filters, every), strict=True):
+        parts = []
         for half, order in windows:
             if round(half / block) > 0:
                 kernel = smoothing_kernel(half, order, block)
@@ -127,7 +128,9 @@ def smoothing_bias(blocked: BlockedData, effort: FloatArray, filters: Differenti
                 for _ in range(_POWERS):
                     powers.append(powers[-1] - _convolve(powers[-1], kernel, blocked.run))
                 residues = np.column_stack(powers[1:])
-                columns.append(residues if signal is acceleration else residues.sum(axis=1, keepdims=True))
+                parts.append(residues if signal is acceleration else residues.sum(axis=1, keepdims=True))
+        # A second derivative removes more than a first one from a wider window.
+        columns.extend(sorted(parts, key=np.linalg.norm))
     return np.hstack(columns)
 
 

@@ -1,5 +1,7 @@
 """Smoothing bias of derived motion: kernels, size, and effect on laws and noise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -15,7 +17,7 @@ from palpate.estimation.fit.smoothing_bias import (
     smoothing_kernel,
 )
 from palpate.estimation.model import Model
-from tests.estimation.swings import NOISE_NM, smoothed, within
+from tests.estimation.swings import INERTIA, NOISE_NM, smoothed, within
 from tests.estimation.swings import long_swings as swings
 
 MEASURED = ((), ())  # velocity and acceleration were not derived
@@ -72,6 +74,17 @@ def test_smoothing_is_told_from_friction_and_springs(change, looks):
     blocked = fit.problem.blocked
     effort, changed = blocked.effort - fit.solution.residual, blocked.reduce(change(true, derived))
     assert looks_like_smoothing(fit.problem, effort, changed, windows(25)) is looks
+
+
+def test_narrower_window_of_a_second_derivative_is_expected_to_remove_more():
+    true = swings(6)
+    derived = replace(smoothed(true, 25), velocity=smoothed(true, 35).velocity)
+    fit = fit_model(derived, SWING, {}, within(derived, 35))
+    blocked, filters = fit.problem.blocked, (((35, 1),), ((25, 2),))
+    removed = blocked.reduce(INERTIA * (true.acceleration - derived.acceleration))
+    effort = blocked.effort - fit.solution.residual
+    assert looks_like_smoothing(fit.problem, effort, removed, filters)
+    assert not looks_like_smoothing(fit.problem, effort, 5.0 * removed, filters)
 
 
 @pytest.mark.parametrize(
