@@ -131,12 +131,15 @@ class Deadband(SensorEffect):
         return effort - np.clip(effort, -inner["width"], inner["width"])
 
     def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
-        """See `Effect.is_misnamed`: readings pass through zero without staying there.
+        """See `Effect.is_misnamed`: readings pass through zero without staying there, or never come near it.
 
-        In free air, every sensor reads zero, so these readings show nothing.
+        In free air, every sensor reads zero, so these readings show nothing. If all efforts lie far on one
+        side of zero, a dead band is a bias.
         """
         sigma = min(noise, noise_between_samples(data.effort, data.run, data.engaged))
-        return not may_have_dead_band(data.effort[data.engaged], parameters[f"{self.name}.width"], sigma)
+        readings, width = data.effort[data.engaged], parameters[f"{self.name}.width"]
+        is_far = readings.min(initial=np.inf) > width or readings.max(initial=-np.inf) < -width
+        return bool(is_far) or not may_have_dead_band(readings, width, sigma)
 
     def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         return np.where(np.abs(effort) > inner["width"], 1.0, 0.0)[:, None] * columns

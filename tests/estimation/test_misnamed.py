@@ -105,6 +105,13 @@ def test_dead_band_is_misnamed_if_readings_do_not_stay_at_zero(hidden_n, shown, 
     assert not is_misnamed("deadband", loud, {"width": 0.5}, 1.0)
 
 
+@pytest.mark.parametrize(("load", "is_bias"), [(0.0, False), (20.0, True), (-20.0, True)])
+def test_dead_band_far_from_all_readings_is_a_bias(load, is_bias):
+    effort = load + 6.0 * np.sin(np.linspace(0.0, 20.0, len(JOINT)))
+    reading = effort - np.clip(effort, -2.0, 2.0)
+    assert is_misnamed("deadband", replace(JOINT, effort=reading), {"width": 2.0}, 0.01) is is_bias
+
+
 def test_end_of_a_range_is_flat_and_yielding_is_not():
     data = spring()
     top = float(abs(data.effort).max())
