@@ -7,6 +7,7 @@ import numpy as np
 
 from palpate.estimation.channel import JOINTS, ChannelData
 from palpate.estimation.effect import Inner, Parameter, SensorEffect, start_grid
+from palpate.estimation.effects.sensor_statics import GAIN_DEVIATIONS
 from palpate.estimation.effects.torque_ripple import TorqueRipple
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import block_index
@@ -332,5 +333,5 @@ class RecordedDependence(SensorEffect):
         return tuple(
             {name: change if name == changed else 0.0 for name in names}
             for changed in names
-            for change in (-0.2, -0.03, 0.03, 0.2)
+            for change in (*(-GAIN_DEVIATIONS).tolist(), *GAIN_DEVIATIONS.tolist())
         )

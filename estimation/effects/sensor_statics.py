@@ -17,6 +17,7 @@ from palpate.robot_io.types import FloatArray, IntArray
 
 _OFF = 0.5  # largest difference of the zero in free air, relative to the fitted offset
 _TAILS = (0.01, 0.99)  # quantiles that define the range of the readings
+GAIN_DEVIATIONS = np.array([0.003, 0.01, 0.03, 0.1, 0.25, 0.5])  # start values of a gain's deviation from 1
 
 
 class Bias(AdditiveEffect):
@@ -76,8 +77,7 @@ class TorqueGain(SensorEffect):
     pointwise = True
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        deviations = np.array([0.003, 0.01, 0.03, 0.1, 0.25, 0.5])
-        return tuple({"gain": float(gain)} for gain in np.exp([*-deviations[::-1], *deviations]))
+        return tuple({"gain": float(gain)} for gain in np.exp([*-GAIN_DEVIATIONS[::-1], *GAIN_DEVIATIONS]))
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         return inner["gain"] * effort

@@ -367,3 +367,18 @@ def test_delay_needs_recorded_times(tmp_path):
     ]
     assert names[1] - names[0] >= {"delay", "lag", "inertia"}
     assert "power_law_stiffness" in names[0]
+
+
+@pytest.mark.parametrize("change", [-0.2, 0.01])
+def test_effort_that_depends_on_a_recorded_column_is_promising_before_its_refinement(change):
+    data = swings(1)
+    celsius = np.sqrt(2.0) * np.sin(data.time_s)
+    scaled = replace(
+        data,
+        effort=5.0 * (1.0 + change * celsius) * data.effort,
+        context={"temperature": celsius},
+        recorded=frozenset({"temperature"}),
+    )
+    fit = fit_model(scaled, model(*BASE), {})
+    (found,) = screen_effects(fit, [EFFECTS["recorded_dependence"]().suited_to(scaled)], refined=0)
+    assert found.held_out < fit.solution.held_out
