@@ -22,7 +22,7 @@ from palpate.workbench import elements
 from palpate.workbench.elements import set_props
 from palpate.workbench.file_drop import FileDrop
 from palpate.workbench.live import live_view, newest_growing, run_command
-from palpate.workbench.page import Page
+from palpate.workbench.page import FOLLOW_S, Page
 from palpate.workbench.startup import AppState
 from palpate.workbench.state import WorkbenchState
 
@@ -45,6 +45,8 @@ async def lay_out_page(home: AppState) -> None:
             drop = _choose(home)
             if home.error and home.file is not None and not is_session(home.file):
                 ui.timer(0.01, partial(drop.begin, home.file), once=True)  # the user may correct its columns
+        # another tab may open a file
+        ui.timer(FOLLOW_S, lambda: None if home.state is None else ui.navigate.reload())
         return
     state = home.state
 

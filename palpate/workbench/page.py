@@ -27,7 +27,7 @@ from palpate.workbench.plots import PlotPanel
 from palpate.workbench.startup import AppState
 from palpate.workbench.state import DisplayedFit, ModelSelection, WorkbenchState
 
-_FOLLOW_S = 0.5
+FOLLOW_S = 0.5  # time between checks for changes made in another tab [s]
 _NEXT_S = 0.03  # pause in which the browser draws earlier updates
 _KINDS = {
     ChannelKind.CONTACT: "contact force",
@@ -66,6 +66,7 @@ class Page:
     async def build(self) -> None:
         """Build all parts: raw curves first, then the fit, then the evidence."""
         refused = self.state.study.refusal(self.state.channel)
+        channel = self.state.choice.channel
         self._error = ErrorCard()
         self._header(refused)
         with ui.element("div").classes("desk"):
@@ -104,18 +105,16 @@ class Page:
                 await self._effects.rank_effects(self._idle)
 
         async def follow() -> None:
-            """Show a selection made in another tab."""
+            """Show the data, channel or model that another tab selected."""
             shown, choice = self._shown, self.state.choice
-            if shown is None or choice == shown.choice or not self._idle.is_set():
-                return
-            if choice.channel != shown.choice.channel:
+            if self._home.state is not self.state or choice.channel != channel:
                 ui.navigate.reload()
-            else:
+            elif shown is not None and choice != shown.choice and self._idle.is_set():
                 await self._change(self.state.show)
 
         if not refused:
             ui.timer(0.01, begin, once=True)
-            ui.timer(_FOLLOW_S, follow)
+        ui.timer(FOLLOW_S, follow)
 
     async def tick(self, effect: str) -> None:
         """Add an effect, or remove it."""

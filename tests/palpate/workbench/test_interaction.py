@@ -118,7 +118,7 @@ def opened(browser, state, tmp_path):
 
     def begin(work):
         async def shown():
-            shown.page = Page(AppState(tmp_path), state, lambda: None, lambda: None)
+            shown.page = Page(AppState(tmp_path, state=state), state, lambda: None, lambda: None)
             await shown.page.build()
             await shown.page._change(state.show)
             await work(shown.page)
@@ -548,6 +548,11 @@ def test_page_follows_what_other_tabs_choose(opened, browser, state, monkeypatch
         await follow()
         assert browser.reloads == 3
         state.choice = replace(state.choice, channel="contact")
+        page._home.state = state.with_runs((1,), ())  # or another file
+        await follow()
+        assert browser.reloads == 4
+        page._home.state = state
+        state.choice = replace(state.choice, channel="contact")
 
         def to_another_channel():
             state.choice = replace(state.choice, channel="joint_1")
@@ -556,7 +561,7 @@ def test_page_follows_what_other_tabs_choose(opened, browser, state, monkeypatch
         for undone in (to_another_channel, lambda: WorkbenchState(state.study), lambda: state):
             await page._step(undone)
             state.choice = replace(state.choice, channel="contact")
-        assert (browser.reloads, page._home.state is state) == (5, False)
+        assert (browser.reloads, page._home.state is state) == (6, False)
 
     chosen = []
     opened(work)
@@ -568,12 +573,18 @@ def test_refused_data_have_a_checklist_and_raw_curves_but_no_error(browser, tmp_
     state = WorkbenchState(Study(short, keep=False), "short.csv")
 
     async def work():
-        await Page(AppState(tmp_path), state, lambda: None, lambda: None).build()
+        home = AppState(tmp_path, state=state)
+        await Page(home, state, lambda: None, lambda: None).build()
         checks = browser.marked("gates").content
         assert 'class="bad">✗ enough data' in checks
         assert checks.count(": not checked</li>") == checks.count("<li") - 1 > 2
         assert not [each for each in browser.client.elements.values() if "error" in each._markers]
-        assert not [each for each in browser.timers if each.period_s == 0.5]
+        (follow,) = (each.work for each in browser.timers if each.period_s == 0.5)
+        await follow()
+        assert browser.reloads == 0
+        home.state = WorkbenchState(state.study)
+        await follow()
+        assert browser.reloads == 1
         (time, *_) = browser.all(Plot)
         assert len(time.figure["data"][0]["y"]) == 49
 

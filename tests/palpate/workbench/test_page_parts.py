@@ -616,8 +616,10 @@ def test_other_files_are_offered_newest_first(browser, monkeypatch, tmp_path):
         assert browser.marked("refused").text == "unreadable"
         assert "palpate workbench" in browser.texts()
         assert browser.marked("probe").text == "Probe the simulated arm"
-        (begin,) = browser.timers  # of a correction of its columns
+        begin, follow = browser.timers  # of a correction of its columns, and of other tabs
         assert begin.once
+        follow.work()
+        assert browser.reloads == 0
         await begin.work()
         assert "old.csv: no rows of data" in browser.said[0]
         buttons = [each.text for each in browser.all(ui.button)]
@@ -625,6 +627,8 @@ def test_other_files_are_offered_newest_first(browser, monkeypatch, tmp_path):
         assert buttons[11:13] == ["3.npz", "All sessions of the folder as one study"]  # twelve files
         await browser.press("a.mcap")
         assert (home.state, home.error, home.riddle, browser.reloads) == ("state of a.mcap", "", False, 1)
+        follow.work()  # as in another tab
+        assert browser.reloads == 2
         await browser.press("All sessions of the folder as one study")
         ((session, done),) = followed
         await done(tmp_path / session)
