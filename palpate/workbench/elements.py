@@ -196,7 +196,7 @@ HELD_OUT = (
 CURSORS = "Click on the curves to set cursor A or B, or type a time: values and differences are read there."
 KEEP = "Keep the chosen effects as a revision, as palpate add does; go back to it at any time."
 NOT_KEPT = ": the fit of all parameters; values of sliders, held values and bounds are not kept"
-REVISIONS = "Models that were kept, here or by the command line; choose one to go back to it."
+REVISIONS = "Models of these runs that were kept, here or by the command line; choose one to go back to it."
 GATES = "Checked before fitting: a fit to unsuitable data gives wrong parameters."
 DIAGNOSE = (
     "Show which kinds of effects make up the error and which effects are missing; takes a while, "

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from nicegui import events, ui
 
+from palpate.common.console import display_path
 from palpate.common.files import derived_folder, output_folder
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.data_quality import checklist
@@ -308,8 +309,10 @@ class Page:
         """Save the selected effects as a revision."""
         with errors_as_warnings():
             revisions = await asyncio.to_thread(self.state.save_revisions)
-            text = f"kept as revision {revisions[-1].number}{_not_kept(self.state.choice)}"
-            ui.notify(text, type="positive")
+            folder = self.state.study.folder
+            place = "in memory only" if folder is None else f"in {display_path(folder)}"
+            text = f"kept as revision {revisions[-1].number} {place}{self.state.use_of_runs}"
+            ui.notify(text + _not_kept(self.state.choice), type="positive")
             self._list_revisions()
 
     async def write_report(self) -> None:
@@ -326,7 +329,7 @@ class Page:
             address = self._home.serve_report(written)
             link = f'<a href="{address}" target="_blank">report: {escape(str(written))}</a>'
             ui.notify(
-                link + _not_kept(self.state.choice),
+                link + self.state.use_of_runs + _not_kept(self.state.choice),
                 type="positive",
                 multi_line=True,
                 timeout=10_000,
@@ -337,8 +340,10 @@ class Page:
         self._revisions.clear()
         with self._revisions:
             heading("Revisions", elements.REVISIONS)
-            channel = self.state.choice.channel
-            revisions = [each for each in self.state.study.revisions if each.channel == channel]
+            channel = self.state.channel
+            data = channel.name, channel.sha256
+            saved = self.state.study.revisions
+            revisions = [each for each in saved if (each.channel, each.data_sha256) == data]
             for revision in reversed(revisions[-8:]):
                 terms = " + ".join([revision.model, *revision.effects])
                 text = f"{revision.number} · {with_unit(revision.rmse, revision.effort_unit)} · {terms}"

@@ -312,6 +312,13 @@ class WorkbenchState:
         return self.study.add(*self.choice.effects, channel=self.choice.channel, fresh=True).revisions
 
     @property
+    def use_of_runs(self) -> str:
+        """Runs that are left out or held out, in parentheses; empty if there are none."""
+        uses = (("left out", self.out), ("held out", self.study.held_out))
+        parts = [f"runs {use}: {_listed(runs)}" for use, runs in uses if runs]
+        return f" ({'; '.join(parts)})" if parts else ""
+
+    @property
     def is_saved(self) -> bool:
         """Whether the newest revision has the chosen effects."""
         newest = self.study.latest(self.channel)
@@ -338,7 +345,9 @@ class WorkbenchState:
         return self._with(joined(self.study.source, open_source(path)), self.study.held_out)
 
     def with_runs(self, out: Sequence[int], held_out: Sequence[int]) -> "WorkbenchState":
-        """Return a state of the same measurement, in memory, with a different use of its runs.
+        """Return a state of the same measurement with a different use of its runs.
+
+        Its revisions and diagnosis are saved in the same folder, as those of a command with `--where` are.
 
         Args:
             out: runs excluded from fitting and scoring.
@@ -361,14 +370,16 @@ class WorkbenchState:
         source = whole.study.source.without(out)
         if not all(map(len, source.channels)):
             raise InputError("keep at least one run of each channel")
-        state = self._with(source, held_out)
+        state = self._with(source, held_out, whole.study.folder)
         state.source, state.whole, state.out = self.source, whole, out
         return state
 
-    def _with(self, source: DataSource, held_out: Sequence[int]) -> "WorkbenchState":
+    def _with(
+        self, source: DataSource, held_out: Sequence[int], folder: Path | None = None
+    ) -> "WorkbenchState":
         """Return a state of other data with the same base model and effects."""
-        study = self.study
-        state = WorkbenchState(Study(source, study.model, effects=study.user_effects, held_out=held_out))
+        model, own = self.study.model, self.study.user_effects
+        state = WorkbenchState(Study(source, model, effects=own, folder=folder, held_out=held_out))
         state.choice = ModelSelection(self.choice.channel, self.choice.effects)
         return state
 

@@ -11,6 +11,7 @@ import pytest
 from nicegui import Client, core, events, ui
 from nicegui.page import page
 
+from palpate.common import console
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.estimate import with_unit
 from palpate.estimation.fit.measurement_noise import MeasurementNoise, NoiseSource
@@ -495,7 +496,7 @@ def test_cursors_read_the_curves_and_runs_are_chosen(opened, browser, state):
     opened(work)
 
 
-def test_kept_revisions_are_listed_and_shown_again(opened, browser, state):
+def test_kept_revisions_are_listed_and_shown_again(opened, browser, state, monkeypatch):
     async def work(page):
         await browser.press("Keep")
         assert browser.said == ["nothing has been added yet: tick an effect first"]
@@ -505,16 +506,25 @@ def test_kept_revisions_are_listed_and_shown_again(opened, browser, state):
         assert state.choice.effects == ("cubic_stiffness",)
         assert not state.is_saved
         await browser.press("Keep")
-        assert browser.said[1:] == ["kept as revision 1"]
+        place = console.display_path(state.study.folder)
+        assert browser.said[1:] == [f"kept as revision 1 in {place}"]
         assert state.is_saved
         assert "no revisions yet" not in browser.texts()
         await page.move_slider("stiffness.k", 1.0)
         await browser.press("Keep")
-        assert browser.said[2:] == [f"kept as revision 2{elements.NOT_KEPT}"]
+        assert browser.said[2:] == [f"kept as revision 2 in {place}{elements.NOT_KEPT}"]
         await page.tick("cubic_stiffness")
         error = state.study.revisions[-1].rmse
         await browser.press(f"1 · {with_unit(error, 'N')} · kelvin_voigt + cubic_stiffness")
         assert stated_error(browser)[0] == error
+        monkeypatch.setattr(state.study, "folder", None)
+        await browser.press("Keep")
+        assert browser.said[3] == "kept as revision 3 in memory only"
+        page.state = state.with_runs((1,), ())
+        page._list_revisions()
+        assert "no revisions yet" in browser.texts()  # of these runs
+        await page.save_revisions()
+        assert browser.said[4].endswith("(runs left out: 1)")
 
     opened(work)
 

@@ -214,6 +214,18 @@ def test_excluded_runs_are_neither_fitted_nor_judged(state):
         state.with_runs(state.channel.data.runs.tolist(), ())
 
 
+def test_revisions_of_some_runs_are_saved_beside_those_of_all(press, tmp_path):
+    state = WorkbenchState(Study(press, folder=tmp_path / "kept"))
+    less = state.with_runs((1,), (2,))
+    assert (state.use_of_runs, less.use_of_runs) == ("", " (runs left out: 1; runs held out: 2)")
+    less.choose(less.toggled("bias"))
+    saved = less.save_revisions()[-1]
+    again = Study(press, folder=tmp_path / "kept")
+    assert again.revisions[-1] == saved
+    assert again.latest(again.channel("contact")) is None  # of all runs
+    assert state.joined_with(press).study.folder is None
+
+
 def test_held_out_runs_are_in_the_commands(state):
     state.choose(state.toggled("cubic_stiffness"))
     held = state.with_runs((0,), (2,))
@@ -491,7 +503,9 @@ def test_report_is_written_where_the_study_keeps_its_results_and_linked(
         report=report,
     )
     choice = ModelSelection("contact", tuple(effects))
-    state = SimpleNamespace(study=study, choice=choice, is_saved=is_saved, command=lambda: "")
+    state = SimpleNamespace(
+        study=study, choice=choice, is_saved=is_saved, command=lambda: "", use_of_runs=" (runs left out: 1)"
+    )
     state.save_revisions = lambda: saved.append(True)
     home = SimpleNamespace(serve_report=str)
     shown = SimpleNamespace(state=state, _home=home, _list_revisions=lambda: None)
@@ -499,5 +513,5 @@ def test_report_is_written_where_the_study_keeps_its_results_and_linked(
     assert len(saved) == saves
     folder = tmp_path / "mine" if is_named else Path("press-palpate")
     assert written == [folder / "report.html"]
-    link = f'<a href="{written[0]}" target="_blank">report: {written[0]}</a>'
+    link = f'<a href="{written[0]}" target="_blank">report: {written[0]}</a> (runs left out: 1)'
     assert said == [(link, True)]  # as a link that can be followed, not as its text
