@@ -15,7 +15,7 @@ from nicegui import events, ui
 from palpate.common.console import display_path
 from palpate.common.files import derived_folder, output_folder
 from palpate.estimation.channel import ChannelKind
-from palpate.estimation.data_quality import checklist
+from palpate.estimation.data_quality import checklist, list_warnings
 from palpate.estimation.estimate import with_unit
 from palpate.render.build import REPORT
 from palpate.robot_io.errors import InputError, PalpateError
@@ -365,7 +365,7 @@ def _button(text: str, icon: str, work: Callable[[], object], about: str, look: 
 
 
 def _data_checks(state: WorkbenchState) -> None:
-    """Make the checklist of the data checks."""
+    """Make the checklist of the data checks, with the notes on how the data were read."""
     reasons = checklist(state.channel.to_fit, state.channel.model)
     with ui.element("section").classes("card"):
         heading("Are these data fit for a diagnosis?", elements.GATES)
@@ -377,4 +377,6 @@ def _data_checks(state: WorkbenchState) -> None:
                 rows.append(f'<li class="bad">✗ {text}<br><span>{escape(reasons[kind])}</span></li>')
             else:
                 rows.append(f'<li class="good">✓ {text}</li>')
+        notes = (*state.study.notes, *list_warnings(state.study.warnings.items()))
+        rows += [f'<li class="note">! {escape(note)}</li>' for note in notes]
         ui.html(f'<ul class="gates">{"".join(rows)}</ul>').mark("gates")

@@ -20,6 +20,7 @@ from palpate.robot_io.errors import InputError
 from palpate.study import Study
 from palpate.workbench import effects as effects_module
 from palpate.workbench import elements, plots
+from palpate.workbench import page as page_module
 from palpate.workbench.effects import EffectRows, open_gallery
 from palpate.workbench.elements import Plot
 from palpate.workbench.layout import lay_out_page
@@ -597,6 +598,19 @@ def test_refused_data_have_a_checklist_and_raw_curves_but_no_error(browser, tmp_
         assert browser.reloads == 1
         (time, *_) = browser.all(Plot)
         assert len(time.figure["data"][0]["y"]) == 49
+
+    browser.use(work)
+
+
+def test_notes_on_the_data_are_beside_their_checks(browser, state, monkeypatch):
+    monkeypatch.setitem(vars(state.study), "notes", ("1 A <current> counts as 1 N m",))
+    monkeypatch.setitem(vars(state.study), "warnings", {"contact": ["the force is large"]})
+
+    async def work():
+        page_module._data_checks(state)
+        checks = browser.marked("gates").content
+        assert "! 1 A &lt;current&gt; counts as 1 N m</li>" in checks
+        assert "! contact: the force is large</li>" in checks
 
     browser.use(work)
 
