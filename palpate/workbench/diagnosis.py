@@ -16,7 +16,7 @@ from palpate.robot_io.session import Session
 from palpate.runs.hidden_effects import open_answer
 from palpate.workbench import elements
 from palpate.workbench.elements import heading, set_props
-from palpate.workbench.processes import DiagnosisProcess
+from palpate.workbench.processes import RUNNING, DiagnosisProcess
 from palpate.workbench.state import WorkbenchState
 
 _POLL_S = 0.2
@@ -66,6 +66,7 @@ class DiagnosisCard:
             if state.diagnosis_process is not diagnosing:
                 return
         judge = state.diagnosis_process = DiagnosisProcess()
+        RUNNING.add(judge)
         self._show_progress()
         try:
             diagnosis = await asyncio.to_thread(study.diagnose, name, progress=judge.note, judge=judge)
@@ -75,6 +76,7 @@ class DiagnosisCard:
         except PalpateError as error:
             judge.failure = str(error)
         finally:
+            RUNNING.remove(judge)
             state.diagnosis_process = None
 
     def _show_progress(self) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from multiprocessing.connection import Connection
 from threading import Event
 
+from palpate.common import console
 from palpate.common.worker_process import start_worker
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.diagnosis import Diagnosis
@@ -20,6 +21,9 @@ from palpate.robot_io.errors import PalpateError
 from palpate.study import Study
 
 _POLL_S = 0.1
+
+
+_STOPPED = "stopped; nothing was changed"
 
 
 class StoppedError(PalpateError):
@@ -40,7 +44,12 @@ class DiagnosisProcess:
         Args:
             what: current step.
             share: share of the work that is done, 0 to 1.
+
+        Raises:
+            StoppedError: the user stopped the diagnosis, which may be planning an experiment in this process.
         """
+        if self._stop.is_set():
+            raise StoppedError(_STOPPED)
         self.now = what, share
 
     def stop(self) -> None:
@@ -71,13 +80,24 @@ class DiagnosisProcess:
                     if isinstance(message, PalpateError):
                         raise message
                     progress(*message)
-            raise StoppedError("stopped; nothing was changed")
+            raise StoppedError(_STOPPED)
         except EOFError as error:
             raise PalpateError("the diagnosis ended without a result, perhaps for lack of memory") from error
         finally:
             process.terminate()
             process.join()
             receiver.close()
+
+
+RUNNING: set[DiagnosisProcess] = set()  # diagnoses of this server
+
+
+def stop_diagnoses() -> None:
+    """Stop all diagnoses when the server ends, which would otherwise wait for them."""
+    if RUNNING:
+        console.warn("the server ended during a diagnosis, which was stopped and has no result")
+    for diagnosis in tuple(RUNNING):
+        diagnosis.stop()
 
 
 def _diagnose(

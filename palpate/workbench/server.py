@@ -30,6 +30,7 @@ from starlette.websockets import WebSocketClose
 from palpate.render.notebook import PageAddress
 from palpate.robot_io.errors import InputError
 from palpate.workbench.elements import Plot
+from palpate.workbench.processes import stop_diagnoses
 from palpate.workbench.startup import CLOSED, HEADERS, LOOPBACK, STYLE, AppState, EarlyServer
 from palpate.workbench.state import WorkbenchState
 
@@ -140,6 +141,7 @@ def serve(home: AppState, listening: socket) -> None:
         # The file contains text of a measurement. In a separate origin it cannot press buttons of the page.
         return FileResponse(home.reports[key], headers={"Content-Security-Policy": "sandbox allow-scripts"})
 
+    app.on_shutdown(stop_diagnoses)
     if home.feed is not None:
         app.on_shutdown(home.feed.close)
     served = FastAPI()

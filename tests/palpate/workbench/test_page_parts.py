@@ -451,6 +451,19 @@ def test_diagnosis_process_forwards_progress_result_and_end(monkeypatch, last, e
     assert worker.ended == ["terminated", "joined", "closed"]
 
 
+def test_diagnosis_ends_with_the_server_even_while_it_plans_an_experiment(monkeypatch, capsys):
+    running = DiagnosisProcess()
+    monkeypatch.setattr(processes, "RUNNING", {running})
+    running.note("search", 0.5)
+    processes.stop_diagnoses()
+    with pytest.raises(StoppedError, match="nothing was changed"):
+        running.note("design", 0.9)
+    assert "was stopped and has no result" in capsys.readouterr().err
+    processes.RUNNING.clear()
+    processes.stop_diagnoses()
+    assert capsys.readouterr().err == ""
+
+
 def diagnosed_state(tmp_path, outcome):
     """State whose diagnosis is `outcome`, or fails with it; what is chosen changes by itself."""
     study = SimpleNamespace(folder=tmp_path, source=SimpleNamespace(path=tmp_path / "a.mcap"))
@@ -490,6 +503,7 @@ def test_diagnosis_shows_its_progress_then_its_verdict_and_steps(browser, tmp_pa
                 card._show_progress()
             assert (card._what.text, card._bar.value) == ("search", 0.26)
             assert (start.visible, stop.visible, card._bar.visible) == (False, True, True)
+            assert {state.diagnosis_process} == processes.RUNNING
             card.stop()
             assert state.diagnosis_process._stop.is_set()
 
@@ -538,6 +552,7 @@ def test_failed_diagnosis_states_its_reason(browser, tmp_path, monkeypatch, is_s
         assert browser.said == ["stopped; nothing was changed"]
         assert (done, state.diagnosis_process) == ([], None)
         assert not (tmp_path / RESULT).exists()
+        assert not processes.RUNNING
 
     browser.use(work)
 
