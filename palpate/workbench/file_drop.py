@@ -2,8 +2,8 @@
 
 import asyncio
 import re
-from collections.abc import Awaitable, Callable, Sequence
-from contextlib import suppress
+from collections.abc import Awaitable, Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,15 +18,15 @@ from palpate.estimation.data.file_columns import is_session
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import Table, read_table
 from palpate.estimation.data.units import SI
-from palpate.robot_io.errors import InputError
-from palpate.workbench.elements import errors_as_warnings, set_props
+from palpate.robot_io.errors import InputError, PalpateError
+from palpate.workbench.elements import set_props
 
 DROPPED = Path("sessions")  # folder of dropped files
 MOST_BYTES = 500_000_000
 NOTHING = "not used"
 _SELECT = "dense outlined options-dense"
 _SHOWN = 4  # number of values of a column that are shown
-_LASTING = {"multi_line": True, "timeout": 0, "close_button": True}  # a notification that the user closes
+_HERE = " (on this page, choose quantities and units in the table)"
 
 
 @dataclass
@@ -102,15 +102,27 @@ class FileDrop:
         self._opened = opened
 
         async def upload(event: events.UploadEventArguments) -> None:
-            with errors_as_warnings(**_LASTING):
+            with self._errors_shown():
                 path, is_new = await self._keep(event)
                 if not await self.begin(path) and is_new:
                     path.unlink()
+            box.reset()  # for the next file
 
         text = "Drop a data file or a session here, or choose one"
         box = ui.upload(on_upload=upload, label=text, auto_upload=True, max_files=1, max_file_size=MOST_BYTES)
         box.props("flat bordered").classes("drop")
         self._review = ui.element("div").classes("dropped")
+        self._problem = ui.label().classes("bad").mark("problem")
+
+    @contextmanager
+    def _errors_shown(self) -> Iterator[None]:
+        """Show an error of the context's body until the next attempt."""
+        self._problem.set_text("")
+        try:
+            yield
+        except PalpateError as error:
+            advises_options = "--unit" in str(error) or "--column" in str(error)
+            self._problem.set_text(f"{error}{_HERE * advises_options}")
 
     async def begin(self, path: Path) -> bool:
         """Open a session at once, a data file after a review of its columns; return whether it is readable.
@@ -119,7 +131,7 @@ class FileDrop:
             path: a session, a folder of sessions or a data file.
         """
         is_readable = False
-        with errors_as_warnings(**_LASTING):
+        with self._errors_shown():
             if is_session(path) or path.is_dir():
                 await self._opened(path, ImportOptions())
             else:
@@ -127,7 +139,7 @@ class FileDrop:
                 choices = [NOTHING, *QUANTITIES, RUN]
 
                 async def use() -> None:
-                    with errors_as_warnings(**_LASTING):
+                    with self._errors_shown():
                         await self._opened(path, _options_of(columns))
 
                 self._review.clear()

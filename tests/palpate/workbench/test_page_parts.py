@@ -350,9 +350,11 @@ class Upload:
 
 def test_dropped_file_is_kept_once_and_its_columns_can_be_corrected(browser, monkeypatch, tmp_path):
     monkeypatch.setattr(file_drop, "DROPPED", tmp_path / "kept")
-    opened = []
+    opened, refused, emptied = [], [], []
 
     async def open_file(path, options):
+        if refused:
+            raise InputError(refused.pop())
         opened.append((path.name, dict(options.columns), dict(options.units)))
 
     text = b"Time [s],Crosshead [mm],Load\n" + b"".join(b"%f,%d,%d\n" % (n / 10, n, n) for n in range(9))
@@ -360,22 +362,22 @@ def test_dropped_file_is_kept_once_and_its_columns_can_be_corrected(browser, mon
     async def work():
         drop = FileDrop(open_file)
         (upload,) = browser.all(ui.upload)
+        monkeypatch.setattr(upload, "reset", lambda: emptied.append(True))
 
         async def send(name, content, size=None):
             for handler in upload._upload_handlers:
                 await handler(Upload(name, content, size))
+            return browser.marked("problem").text
 
         await send("../press.csv", text)
         await send("press.csv", text)  # the same again
         assert [path.name for path in (tmp_path / "kept").iterdir()] == ["press.csv"]
         await send("press.csv", text + b"1.0,9,9\n")
         assert sorted(path.name for path in (tmp_path / "kept").iterdir()) == ["press-2.csv", "press.csv"]
-        await send("bad.csv", b"a,b\nx,y\n")
-        await send("big.csv", b"", size=500_000_001)
-        await send("a\0b.csv", b"")
-        assert "no line of column names" in browser.said[0]
-        assert "big.csv: larger than 500 MB" in browser.said[1]
-        assert r"'a\x00b.csv': cannot be saved in" in browser.said[2]
+        assert "no line of column names" in await send("bad.csv", b"a,b\nx,y\n")
+        assert "big.csv: larger than 500 MB" in await send("big.csv", b"", size=500_000_001)
+        assert r"'a\x00b.csv': cannot be saved in" in await send("a\0b.csv", b"")
+        assert len(emptied) == 6  # the area takes one file after another
         assert not (tmp_path / "kept" / "bad.csv").exists()
         quantity, unit = (
             browser.all(ui.select, aria_label=f"{what} of Load")[0] for what in ("quantity", "unit")
@@ -391,9 +393,13 @@ def test_dropped_file_is_kept_once_and_its_columns_can_be_corrected(browser, mon
             {"time": "Time [s]", "force": "Load"},
             {"Time [s]": "s", "Load": "mN"},
         )
+        assert browser.marked("problem").text == ""
         crosshead.value = "force"
         await browser.press("Use these columns")
-        assert "several columns are chosen as force" in browser.said[-1]
+        assert "several columns are chosen as force" in browser.marked("problem").text
+        crosshead.value, refused[:] = file_drop.NOTHING, ["Load: add --unit force=N"]
+        await browser.press("Use these columns")
+        assert browser.marked("problem").text.startswith("Load: add --unit force=N (on this page, choose")
         assert await drop.begin(tmp_path)
         assert opened == [(tmp_path.name, {}, {})]
 
@@ -636,7 +642,7 @@ def test_other_files_are_offered_newest_first(browser, monkeypatch, tmp_path):
         follow.work()
         assert browser.reloads == 0
         await begin.work()
-        assert "old.csv: no rows of data" in browser.said[0]
+        assert "old.csv: no rows of data" in browser.marked("problem").text
         buttons = [each.text for each in browser.all(ui.button)]
         assert buttons[:4] == ["b.mcap", "a.mcap", "new.CSV.gz", "11.npz"]
         assert buttons[11:13] == ["3.npz", "All sessions of the folder as one study"]  # twelve files
