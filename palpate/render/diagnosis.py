@@ -136,7 +136,7 @@ def unphysical_remarks(unphysical: Sequence[str]) -> tuple[str, ...]:
     Args:
         unphysical: descriptions of parameters outside their physical bounds.
     """
-    return (f"But {_join_names(unphysical)}: {UNPHYSICAL}.",) if unphysical else ()
+    return (f"{_join_names(unphysical)}: {UNPHYSICAL}.",) if unphysical else ()
 
 
 def describe_error_decrease(

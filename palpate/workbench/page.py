@@ -148,10 +148,12 @@ class Page:
         Args:
             out: runs excluded from fitting and scoring.
             held_out: runs excluded from fitting and used only for scoring.
+
+        Raises:
+            InputError: a channel would have no runs left, or none to fit.
         """
         if (tuple(sorted(out)), tuple(sorted(held_out))) != (self.state.out, self.state.study.held_out):
-            with errors_as_warnings():
-                self._show_state(await asyncio.to_thread(self.state.with_runs, out, held_out))
+            self._show_state(await asyncio.to_thread(self.state.with_runs, out, held_out))
 
     def _show_state(self, state: WorkbenchState) -> None:
         self._home.state = state

@@ -199,7 +199,8 @@ class Parameters:
             text = "held"
         elif name in choice.bounds:
             low, high = choice.bounds[name]
-            text = f"within {low:.3g} to {high:.3g}, {text}"
+            at_bound = fitted.values[name] in choice.bounds[name]
+            text = f"within {low:.3g} to {high:.3g}, {'held at this bound' if at_bound else text}"
         self._numbers[name].set_text(text_with_unit(number, unit))
         self._intervals[name].set_text(text)
 

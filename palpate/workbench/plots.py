@@ -14,6 +14,7 @@ from palpate.render import palette
 from palpate.render.build import axes_of, concatenated_times
 from palpate.render.thinning import even_places, peak_rows
 from palpate.render.view import AxisLabels, ResidualMap, residual_map
+from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 from palpate.workbench import elements
 from palpate.workbench.elements import Figure, Plot, Restyle, axis, curve, heading, layout_of, set_props
@@ -341,6 +342,8 @@ class PlotPanel:
                 for name in ("A", "B"):
                     cursor = ui.number(f"{name} [s]", format="%.3f", on_change=partial(move_cursor, name))
                     self._at[name] = cursor.props("dense outlined").classes("cursor")
+                    # once the time is typed, show where the cursor is
+                    cursor.on("blur", lambda name=name: self._at[name].set_value(self._cursors.get(name)))
                 self._reading = ui.html("").classes("reading").mark("reading")
         with ui.element("section").classes("card"):
             heading("Over position and velocity", elements.STATE)
@@ -426,8 +429,13 @@ class PlotPanel:
         async def use(*, still: bool) -> None:
             nonlocal choosing
             choosing = still
-            if not still:
+            if still:
+                return
+            try:
                 await self._use_runs(out.value or (), scored.value or ())
+            except InputError as error:
+                ui.notify(str(error), type="warning")
+                out.value, scored.value = list(self._state.out), list(held)
 
         for select in (out, scored):  # several runs can be selected before the list is closed
             select.on("popup-show", lambda: use(still=True)).on("popup-hide", lambda: use(still=False))

@@ -241,9 +241,9 @@ class WorkbenchState:
             InputError: the bounds are not two numbers, or the lower one is not below the upper one.
         """
         if not (np.isfinite(bounds).all() and bounds[0] < bounds[1]):
+            low, high = ("empty" if np.isnan(bound) else f"{bound:g}" for bound in bounds)
             raise InputError(
-                f"{name}: the bounds are {bounds[0]:g} and {bounds[1]:g}; give two numbers, the first below "
-                "the second"
+                f"{name}: the bounds are {low} and {high}; give two numbers, the first below the second"
             )
         held = _without(self.choice.held, name)
         return replace(self.choice, held=held, bounds={**self.choice.bounds, name: bounds}, slider_values={})

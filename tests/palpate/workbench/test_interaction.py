@@ -297,12 +297,13 @@ def test_bounds_are_asked_for_and_applied(opened, browser, state):
         )
         lower.value = None
         await browser.press("bound")
+        assert "the bounds are empty and " in browser.said[0]
         assert "give two numbers" in browser.said[0]
         lower.value, upper.value = 50.0, 60.0
         await browser.press("bound")
         assert not any(each.value for each in browser.all(ui.dialog))
         assert state.choice.bounds == {"damping.c": (50.0, 60.0)}
-        assert interval(browser, "damping.c")[1].startswith("within 50 to 60, ")
+        assert interval(browser, "damping.c")[1] == "within 50 to 60, held at this bound"
         for each in browser.all(ui.dialog):
             await browser.send(each, "hide")
         assert not browser.all(ui.dialog)
@@ -467,6 +468,8 @@ def test_cursors_read_the_curves_and_runs_are_chosen(opened, browser, state):
         first.value = 999.0
         shapes = center._time.figure["layout"]["shapes"]
         assert [shape["x0"] for shape in shapes] == [second.value, motion.time_s[-1]]
+        await browser.send(first, "blur")
+        assert first.value == motion.time_s[-1]
         first.value = second.value = None
         assert center._time.figure["layout"]["shapes"] == []
         assert browser.marked("reading").content == ""
@@ -484,6 +487,10 @@ def test_cursors_read_the_curves_and_runs_are_chosen(opened, browser, state):
         out, scored = (
             browser.all(ui.select, aria_label=f"runs to {what}")[0] for what in ("leave out", "hold out")
         )
+        out.value = list(out.options)
+        await browser.settle()
+        assert browser.said == ["keep at least one run of each channel"]
+        assert (out.value, browser.reloads) == ([], 0)
         await browser.send(out, "popupShow")
         out.value = [1]
         await browser.settle()
