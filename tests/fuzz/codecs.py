@@ -187,12 +187,13 @@ _MIT_FIELDS = ((12.5, 16), (50.0, 12), (25.0, 12))  # range and bits of position
 
 
 def mit_frame(rng: Rng, _number: int) -> bytes:
-    return b"\x01" + rng.bytes(5 if rng.random() < 0.3 else 7)
+    """Six bytes, with a supply voltage behind them in newer firmware, or with temperature and error."""
+    return b"\x01" + rng.bytes(int(rng.choice((5, 6, 7), p=(0.2, 0.2, 0.6))))
 
 
 def is_wrong_mit(data: bytes, _seen: bytes, accepted) -> bool:
     """Each number, written bit by bit, must stand where it came from."""
-    if not isinstance(accepted, mit.MitState) or len(data) not in (6, 8):
+    if not isinstance(accepted, mit.MitState) or len(data) not in (6, 7, 8):
         return True
     bits = f"{accepted.motor_id:08b}"
     values = (accepted.position_rad, accepted.velocity_rad_s, accepted.torque_nm)
