@@ -1,6 +1,6 @@
 """Other models: undecided rivals, and base models or independent runs that fit a measurement better."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
@@ -141,9 +141,10 @@ def keep_simplest_rivals(
     """Remove rivals that contain a simpler one.
 
     The function applies if no feasible experiment separates the rivals, so that a law cannot be distinguished
-    from a simpler law that it contains. Other rivals remain undecided. A law is simpler if it has fewer
-    parameters, or equally many and depends on fewer signals; for example, Coulomb friction is simpler than
-    presliding friction. A composite effect and its parts are the same law, so that neither is simpler.
+    from a simpler law of the same kind that it contains. Other rivals remain undecided. A law is simpler if
+    it has fewer parameters, or equally many and depends on fewer signals; for example, Coulomb friction is
+    simpler than presliding friction. A composite effect and its parts are the same law, so that neither is
+    simpler.
 
     Args:
         study: the measurement and its fits.
@@ -160,16 +161,18 @@ def keep_simplest_rivals(
             rival: _replace_effect(names, entry.effect, rival, known[rival].parts)
             for rival in _candidates(entry)
         }
-        models = {rival: study.fit(channel, effects).training_fit for rival, effects in rivals.items()}
+        models: dict[str, FitResult] = {}
+        for rival, effects in rivals.items():
+            with suppress(InputError):  # one that cannot be fitted beside the other effects remains undecided
+                models[rival] = study.fit(channel, effects).training_fit
         kept: list[str] = []
         for name in sorted(models, key=lambda name: (_size(models[name].model), len(known[name].signals))):
-            larger = models[name]
-            simpler = [models[rival] for rival in kept if _is_simpler(models[rival], larger)]
-            last = larger.model.effects[-1]
-            is_other = bool(simpler) and is_misnamed(last, larger.solution, larger.problem)
-            if not is_other and not any(_contains(larger, smaller) for smaller in simpler):
+            simpler = [rival for rival in kept if _is_simpler(models, rival, name)]
+            effect, fit = models[name].model.effect(name), models[name]
+            is_other = bool(simpler) and is_misnamed(effect, fit.solution, fit.problem)
+            if not is_other and not any(_contains(models, name, rival) for rival in simpler):
                 kept.append(name)
-        first, *rest = [name for name in models if name in kept]
+        first, *rest = [name for name in rivals if name in kept or name not in models]
         accepted[place] = entry.model_copy(update={"effect": first, "confused_with": rest})
         diagnosis = _with_accepted(study, channel, diagnosis, accepted)
     return diagnosis
@@ -182,7 +185,12 @@ def _with_accepted(
     accepted: Sequence[AcceptedEffect],
 ) -> ChannelDiagnosis:
     """Replace the accepted effects, and update their descriptions and the numbers of their fits."""
-    changed = diagnosis.model_copy(update={"accepted": list(accepted)})
+    renamed = {old.effect: new.effect for old, new in zip(diagnosis.accepted, accepted, strict=True)}
+    budget = [
+        share.model_copy(update={"effects": [renamed.get(name, name) for name in share.effects]})
+        for share in diagnosis.budget
+    ]
+    changed = diagnosis.model_copy(update={"accepted": list(accepted), "budget": budget})
     if diagnosis.baseline is None or diagnosis.final is None or diagnosis.noise_floor is None:
         return changed
     names = [entry.effect for entry in accepted]
@@ -203,23 +211,27 @@ def _with_accepted(
     return changed.model_copy(update=new)
 
 
-def _is_simpler(smaller: FitResult, larger: FitResult) -> bool:
-    """Return whether a model is simpler than another one that differs in the last effect."""
-    last = larger.model.effects[-1]
-    if last.parts and {effect.name for effect in smaller.model.effects} >= set(last.parts):
+def _is_simpler(models: Mapping[str, FitResult], rival: str, name: str) -> bool:
+    """Return whether the model with a rival is simpler than the one with the effect `name` in its place."""
+    smaller, larger = models[rival].model, models[name].model
+    few, many = smaller.effect(rival), larger.effect(name)
+    kinds = [{effect.kind} | effect.also for effect in (few, many)]
+    if kinds[0].isdisjoint(kinds[1]):
+        return False  # laws of different kinds are different explanations of the error
+    if many.parts and {effect.name for effect in smaller.effects} >= set(many.parts):
         return False
-    few, many = set(smaller.model.effects[-1].signals), set(last.signals)
-    size, most = _size(smaller.model), _size(larger.model)
-    return size < most or (size == most and few < many)
+    size, most = _size(smaller), _size(larger)
+    return size < most or (size == most and set(few.signals) < set(many.signals))
 
 
-def _contains(larger: FitResult, smaller: FitResult) -> bool:
-    """Return whether a larger model can reproduce the prediction of a smaller one, except for noise."""
+def _contains(models: Mapping[str, FitResult], name: str, rival: str) -> bool:
+    """Return whether the effect `name` can reproduce the prediction of a simpler rival, except for noise."""
+    smaller = models[rival]
     blocked, model, known = smaller.problem.blocked, smaller.solution.model, smaller.solution.parameters
     motion, cache = decimate(blocked), FitCache()
     simulated = replace(motion, effort=model.predict(with_load(motion, model, known), known))
-    without = fit_model(simulated, model.without(model.effects[-1].name), known, blocked.trusted, cache)
-    extended = screen_effects(without, larger.model.effects[-1:])[0].search.best
+    without = fit_model(simulated, model.without(rival), known, blocked.trusted, cache)
+    extended = screen_effects(without, [models[name].model.effect(name)])[0].search.best
     refitted = fit_model(simulated, extended.model, extended.parameters, blocked.trusted, cache)
     return refitted.solution.sse < max(_MAX_REST * without.solution.sse, _NEGLIGIBLE * smaller.solution.sse)
 

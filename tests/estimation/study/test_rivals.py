@@ -17,6 +17,7 @@ from palpate.estimation.diagnosis import ChannelDiagnosis
 from palpate.estimation.diagnosis.candidates import effect_library
 from palpate.estimation.diagnosis.result import AcceptedEffect
 from palpate.estimation.effects import EFFECTS
+from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.study import ModelStudy
 from palpate.estimation.study.other_models import keep_simplest_rivals, rival_effects
 from tests.estimation.presses import kelvin_voigt, session
@@ -42,6 +43,31 @@ def study():
 def test_simplest_nested_law_is_stated(study, named, others, kept):
     found = keep_simplest_rivals(study, study.channel("joint_1"), _diagnosis_of((named, others)))
     assert [(one.effect, one.confused_with) for one in found.accepted] == [("coulomb_friction", kept)]
+
+
+def test_rival_of_another_kind_is_no_simpler_law(study):
+    """Bouc-Wen's law can follow a spring, but a spring is another explanation of the error."""
+    named = ("bouc_wen_hysteresis", ["joint_spring", "payload"])  # a payload does not apply to this model
+    found = keep_simplest_rivals(study, study.channel("joint_1"), _diagnosis_of(named))
+    assert [(one.effect, one.confused_with) for one in found.accepted] == [named]
+
+
+def test_rivals_are_compared_wherever_they_stand_in_their_models(study, monkeypatch):
+    """A fit that tries other forms of an earlier effect puts that effect behind the last one."""
+    fitted = study.fit
+
+    def fit_turned(channel, effects=()):
+        fit = fitted(channel, effects)
+        turned = replace(fit.model, effects=fit.model.effects[::-1])
+        return fit_model(fit.training, turned, fit.values)
+
+    monkeypatch.setattr(study, "fit", fit_turned)
+    friction = "presliding_friction", ["coulomb_friction"]
+    found = keep_simplest_rivals(study, study.channel("joint_1"), _diagnosis_of(("lag", []), friction))
+    assert [(one.effect, one.confused_with) for one in found.accepted] == [
+        ("lag", []),
+        ("coulomb_friction", []),
+    ]
 
 
 TWO_GROUPS = (
