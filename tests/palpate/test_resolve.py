@@ -49,7 +49,7 @@ def resolved(tmp_path_factory):
 def test_second_probe_decides_between_rivals(resolved):
     done, told = resolved
     first, *_, last = done.decisions
-    assert first.left["joint_1"] == [["deadband", "bias"]]
+    assert first.left["joint_1"] == [["bias", "deadband"]]
     assert first.next
     assert last.left == {"joint_1": [["deadband"]]}
     assert done.end is StopReason.SEPARATED
