@@ -24,7 +24,7 @@ from palpate.estimation.study.fitting import Judge, Progress, diagnose
 from palpate.estimation.study.results import StudyDiagnosis
 from palpate.render.build import view_of
 from palpate.render.notebook import PageAddress, notebook_progress
-from palpate.robot_io.errors import InputError
+from palpate.robot_io.errors import InputError, one_line
 from palpate.robot_io.extras import missing_package
 from palpate.robot_io.files.file_model import read_text
 from palpate.robot_io.files.urdf_text import last_link, parse_urdf
@@ -240,7 +240,8 @@ class Study(ModelStudy):
         if not any(each.is_contact for each in fitted):
             description += "; the object was not measured"
         made = export_scenario(self._base_world(), fitted, description)
-        write_text(place, made.scenario.to_yaml())
+        notes = "".join(f"# {one_line(note)}\n" for note in self.reading)
+        write_text(place, notes + made.scenario.to_yaml())
         return made
 
     def export_feedforward(self, path: Path | str, revisions: int | Sequence[int] = ()) -> "WrittenModels":
@@ -262,7 +263,7 @@ class Study(ModelStudy):
 
         place = _path(path, "feedforward")
         fitted, failures = self._fitted_joints(revisions, "a feedforward")
-        return write_feedforward(place, fitted, failures, self.source.name)
+        return write_feedforward(place, fitted, failures, self.source.name, self.reading)
 
     def export_simulator(
         self,
@@ -309,7 +310,14 @@ class Study(ModelStudy):
                     )
             fitted = [replace(joint, servo_gain_nm_rad=servo_gain_nm_rad) for joint in fitted]
         return write_simulator(
-            fitted, target, place, self.source.arm, patch=base, failures=failures, source=self.source.name
+            fitted,
+            target,
+            place,
+            self.source.arm,
+            patch=base,
+            failures=failures,
+            source=self.source.name,
+            notes=self.reading,
         )
 
     def _fitted_joints(

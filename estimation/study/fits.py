@@ -104,6 +104,11 @@ class StudyFits(TableDisplay):
         contacts = (c for c in self.channels if c.kind is ChannelKind.CONTACT)
         return *self.source.notes, *(f"{c.name}: {_RECOVERS}" for c in contacts if c.data.recovers)
 
+    @property
+    def reading(self) -> tuple[str, ...]:
+        """What the columns of the data file were read as, and `notes`."""
+        return *([f"read: {self.source.read}"] if self.source.read else []), *self.notes
+
     def channel(self, name: str | None = None) -> StudyChannel:
         """Return one channel.
 

@@ -152,7 +152,7 @@ def _values_of(joint: FittedJoint, source: str) -> tuple[dict[str, TermValue], l
 
 
 def write_feedforward(
-    path: Path, joints: Sequence[FittedJoint], failures: Sequence[str], source: str
+    path: Path, joints: Sequence[FittedJoint], failures: Sequence[str], source: str, notes: Sequence[str]
 ) -> WrittenModels:
     """Write the table (.yaml) of fitted joints, and the functions (.py, .c) beside it.
 
@@ -161,6 +161,7 @@ def write_feedforward(
         joints: with their fits.
         failures: why other joints have no fit, one line each.
         source: description of the measurement.
+        notes: how it was read, in sentences.
 
     Raises:
         InputError: a file cannot be written.
@@ -197,8 +198,15 @@ def write_feedforward(
     equations = [f"{name} = {' '.join(parts)}" for name, parts in _EQUATIONS.items()]
     for name in _NONE:
         equations = [line.replace(f"t.{name}", name.replace("_", ".", 1)) for line in equations]
-    content = {"source": source, "equations": equations, "joints": table, "left_out": left_out}
-    about = as_comment(source)
+    content = {
+        "source": source,
+        "notes": list(notes),
+        "equations": equations,
+        "joints": table,
+        "left_out": left_out,
+    }
+    about = [f"{source}.", *notes, *(f"not in it: {line}" for line in left_out)]
+    lines = [as_comment(line) for line in about]
     py_lines = (f"    {name} = (\n{_lines(parts)}\n    )\n" for name, parts in _EQUATIONS.items())
     c_lines = (f"        double {name} =\n{_lines(parts)};\n" for name, parts in _EQUATIONS.items())
     names = "".join(f"    {name}: float\n" for name in _NONE)
@@ -206,9 +214,11 @@ def write_feedforward(
     texts = {
         path: yaml.safe_dump(content, sort_keys=False, width=100, allow_unicode=True),
         path.with_suffix(".py"): _PYTHON.format(
-            source=about, names=names, rows=python, equations="".join(py_lines)
+            source="\n".join(lines), names=names, rows=python, equations="".join(py_lines)
         ),
-        path.with_suffix(".c"): _C.format(source=about, names=fields, rows=c, equations="".join(c_lines)),
+        path.with_suffix(".c"): _C.format(
+            source="\n * ".join(lines), names=fields, rows=c, equations="".join(c_lines)
+        ),
     }
     for file, text in texts.items():
         write_text(file, text)
@@ -219,7 +229,7 @@ def _lines(parts: Sequence[str]) -> str:
     return "\n".join(f"            {part}" for part in parts)
 
 
-_PYTHON = '''"""Feedforward effort of joints, written by palpate export from {source}.
+_PYTHON = '''"""Feedforward effort of joints, written by palpate export from {source}
 
 Give the desired motion, not the measured one, whose noise near zero speed makes friction chatter.
 """
@@ -249,7 +259,7 @@ def feedforward(joint: int, position: float, velocity: float, acceleration: floa
 {equations}    return effort
 '''
 
-_C = """/* Feedforward effort of joints, written by palpate export from {source}.
+_C = """/* Feedforward effort of joints, written by palpate export from {source}
  *
  * Give the desired motion, not the measured one, whose noise near zero speed makes friction chatter.
  */

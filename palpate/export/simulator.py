@@ -24,6 +24,7 @@ def _isaaclab_text(arm: TargetArm) -> str:
         "",
         "Friction is an effort [N m, N of a linear axis], as in Isaac Sim 5 and newer.",
         "stiffness and damping are gains of the drive and keep their values from the USD.",
+        *map(as_comment, arm.notes),
         '"""',
         "",
         "from isaaclab.actuators import ImplicitActuatorCfg",
@@ -79,7 +80,12 @@ def _bam_texts(arm: TargetArm, patch: Path | None) -> list[str]:
         content |= {"model": model} | {key: known.get(key, 0.0) for key in _BAM_MODELS[model]}
         if (armature := known.get("armature", motor.get("armature"))) is not None:
             content["armature"] = armature
-        content["palpate"] = {"source": arm.source, "values": joint.lines(), "not_in_it": list(joint.lost)}
+        content["palpate"] = {
+            "source": arm.source,
+            "notes": list(arm.notes),
+            "values": joint.lines(),
+            "not_in_it": list(joint.lost),
+        }
         texts.append(json.dumps(content, indent=4, ensure_ascii=True) + "\n")
     return texts
 
@@ -102,6 +108,7 @@ def write_simulator(
     patch: Path | None,
     failures: Sequence[str],
     source: str,
+    notes: Sequence[str],
 ) -> WrittenModels:
     """Write fitted joints in a simulator's file format.
 
@@ -113,6 +120,7 @@ def write_simulator(
         patch: file of the user that is read, or None.
         failures: why other joints have no fit, one line each.
         source: description of the measurement.
+        notes: how it was read, in sentences.
 
     Raises:
         InputError: `patch` is missing, not readable or lacks a joint, or a file cannot be written.
@@ -122,7 +130,7 @@ def write_simulator(
         body = RigidBody.from_urdf(mounted.urdf, mounted.tip_frame, origin=mounted.origin)
     names = () if body is None else body.joint_names
     arm = express(joints, TABLE[target], source, names, mounted.rotor_inertia_kg_m2)
-    arm = replace(arm, left_out=(*arm.left_out, *failures))
+    arm = replace(arm, left_out=(*arm.left_out, *failures), notes=tuple(notes))
     used = [f"{joint.channel} '{joint.name}': {line}" for joint in arm.joints for line in joint.lines()]
     texts: dict[Path, str]
     if target is SimulatorFormat.BAM:

@@ -251,6 +251,7 @@ class TargetArm:
     joints: tuple[TargetJoint, ...]
     arm: Values  # values of the whole arm, see `OF_ARM`
     left_out: tuple[str, ...]  # what the target cannot express, one line each
+    notes: tuple[str, ...] = ()  # how the measurement was read, in sentences
 
 
 def express(
@@ -338,10 +339,10 @@ def _shown(parameter: ParameterEstimate) -> str:
 
 
 def as_comment(text: str) -> str:
-    """Make text one line that cannot end a comment of XML, Python or C, or a docstring.
+    """Make text one line that cannot end a comment of Python or C, or a docstring.
 
     Args:
-        text: any text, such as the name of a file.
+        text: any text, such as the name of a file; line breaks become blanks.
     """
-    plain = json.dumps(text, ensure_ascii=True)[1:-1].replace("\\", "/")
-    return plain.replace('/"', "'").replace("--", "- -").replace("*/", "* /")
+    plain = json.dumps(" ".join(text.split()), ensure_ascii=True)[1:-1].replace("\\", "/")
+    return plain.replace('/"', "'").replace("*/", "* /").replace("/*", "/ *")

@@ -425,8 +425,12 @@ def _named(place: str, joints: Sequence[Element], joint: TargetJoint, advice: st
 def _comment(root: Element, element: Element, title: str, lines: Sequence[str]) -> None:
     """Put a comment before an element."""
     parent = next(each for each in root.iter() if element in list(each))
-    text = f" palpate {title}: {as_comment('; '.join(lines))} "
+    text = f" palpate {title}: {_xml_comment('; '.join(lines))} "
     parent.insert(list(parent).index(element), ElementTree.Comment(text))
+
+
+def _xml_comment(text: str) -> str:
+    return as_comment(text).replace("--", "- -")
 
 
 def _patched(
@@ -434,8 +438,9 @@ def _patched(
 ) -> PatchedModel:
     """Join the text before the root, comments on omitted effects, and the changed root."""
     out = (*arm.left_out, *left_out)
-    lines = [f"Patched by palpate export from {arm.source}.", *(f"not in it: {line}" for line in out)]
-    comments = "".join(f"<!-- {as_comment(line)} -->\n" for line in lines)
+    lines = [f"Patched by palpate export from {arm.source}.", *arm.notes]
+    lines += [f"not in it: {line}" for line in out]
+    comments = "".join(f"<!-- {_xml_comment(line)} -->\n" for line in lines)
     head, opened, _ = before.partition(f"<{root.tag}")
     head = head if opened and head.count("<!--") == head.count("-->") else ""
     ElementTree.indent(root)

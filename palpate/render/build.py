@@ -242,7 +242,7 @@ def view_of(
     shown = study.results() if results is None else results
     source = study.source
     warnings = list_warnings(study.warnings.items())
-    notes = (*([f"read: {source.read}"] if source.read else []), *study.notes, *warnings)
+    notes = (*study.reading, *warnings)
     channels = [result.channel for result in shown]
     facts = {
         "channels": ", ".join(channel.name for channel in channels),

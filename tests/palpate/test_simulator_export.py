@@ -3,6 +3,7 @@
 import json
 import struct
 import sys
+from dataclasses import replace
 from types import ModuleType, SimpleNamespace
 from xml.etree import ElementTree
 
@@ -28,6 +29,7 @@ from palpate.export.target_terms import (
 from palpate.export.xml_model import Mounting, patch_mjcf, patch_urdf
 from palpate.robot_io.calibration.applied import gravity_base_m_s2
 from palpate.robot_io.errors import InputError
+from tests.estimation.swings import swings
 from tests.files import saved
 from tests.palpate.cli import as_json, assert_refused, run
 from tests.palpate.presses import write_table
@@ -315,6 +317,23 @@ def test_bam_gets_its_stribeck_model_and_keeps_the_motor(swinging, tmp_path):
     assert content["friction_viscous"] == pytest.approx(0.1, rel=0.1)
     _, said = exported(swinging, "bam")
     assert any('"kt"' in line for line in said["left_out"])
+
+
+def test_every_file_states_how_the_data_were_read(tmp_path):
+    study = Study(swings(4), "inertia")
+    study.source = replace(study.source, read="torque 'x'", notes=("the sign\nis reversed; --unit keeps it",))
+    study.add("coulomb_friction")
+    study.export(tmp_path / "scenario.yaml")
+    study.export_feedforward(tmp_path / "table.yaml")
+    mjcf = saved(tmp_path / "mine.xml", HAND_MADE)
+    urdf = saved(tmp_path / "mine.urdf", '<robot name="r"><joint name="joint_1"/></robot>')
+    for target, base in (("mjcf", mjcf), ("urdf", urdf), ("isaaclab", None), ("bam", None)):
+        study.export_simulator(tmp_path / target, target, base)
+    for file in {*tmp_path.iterdir()} - {mjcf, urdf}:
+        text = " ".join(file.read_text().replace("\\n", " ").split())
+        assert "torque 'x'" in text.replace("''", "'"), file
+        assert "the sign is reversed" in text, file
+        assert ("--unit" in text) is (file.name not in {"mjcf", "urdf"}), file  # ends no comment of XML
 
 
 def test_mjcf_without_urdf_takes_joints_in_their_order(swinging, tmp_path):
