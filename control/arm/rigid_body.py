@@ -130,13 +130,15 @@ class RigidBody:
                 of other types.
         """
         is_text = isinstance(urdf, str) and "<" in urdf
-        source = origin if is_text else str(urdf)
+        source, printed = origin if is_text else str(urdf), list[str]()
         try:
             text = str(urdf) if is_text else read_text(Path(urdf))
             parse_urdf(text)  # Pinocchio accepts a mass of -1 kg, and ignores invalid numbers
-            model = _parse_model(text)
+            with capture_output(printed, STDOUT, STDERR):
+                model = pin.buildModelFromXML(text)
         except (OSError, ValueError, RuntimeError) as error:
-            reason = getattr(error, "strerror", None) or " ".join(str(error).split())
+            said = printed[0].removeprefix("Error:").strip() if printed else ""  # by the parser in C++
+            reason = getattr(error, "strerror", None) or " ".join((said or str(error)).split())
             raise InputError(f"{source}: not a readable URDF ({reason:.100})") from error
         if model.nq == 0:
             raise InputError(f"{source}: has no movable joint")
@@ -393,14 +395,3 @@ class RigidBody:
             origin = data.oMi[index + 1].translation
             axes.append(JointAxis(name, frozen_array(origin), frozen_array(axis), revolute))
         return tuple(axes)
-
-
-def _parse_model(text: str) -> "pin.Model":
-    """Parse a URDF; an error quotes the C++ parser's printed messages."""
-    printed: list[str] = []
-    try:
-        with capture_output(printed, STDOUT, STDERR):
-            return pin.buildModelFromXML(text)
-    except (ValueError, RuntimeError) as error:
-        reason = printed[0].removeprefix("Error:").strip() if printed else ""
-        raise ValueError(reason or str(error)) from error

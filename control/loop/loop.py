@@ -139,7 +139,13 @@ class _Loop:
                 self._grid = TickGrid(self._clock.now_s() + self._period_s, self._period_s)
                 periods, ended = 1, False
                 while not ended:
-                    ended = self._safe_tick(periods * self._period_s)
+                    stopping = self._guard.tripped is not None
+                    try:
+                        self._clock.sleep_until(self._grid.due_s)
+                        ended = self._tick(periods * self._period_s)
+                    except (Exception, SystemExit, KeyboardInterrupt) as error:
+                        self._stop.fail("the loop", error)  # sys.exit() must not drop the arm
+                        ended = stopping  # a failure during the safe stop ends the run: torque off
                     periods = self._grid.advance(self._clock.now_s())
         finally:
             try:
@@ -165,16 +171,6 @@ class _Loop:
             timing=self._timing.summary(),
             error=self._stop.error,
         )
-
-    def _safe_tick(self, dt_s: float) -> bool:
-        """Run one tick when it is due; an exception trips the guard. Return whether it was the last tick."""
-        stopping = self._guard.tripped is not None
-        try:
-            self._clock.sleep_until(self._grid.due_s)
-            return self._tick(dt_s)
-        except (Exception, SystemExit, KeyboardInterrupt) as error:  # sys.exit() must not drop the arm
-            self._stop.fail("the loop", error)
-            return stopping  # a failure during the safe stop ends the run: torque off
 
     def _tick(self, dt_s: float) -> bool:
         """Run one tick, `dt_s` [s] after the previous one; return whether it was the last tick."""

@@ -189,7 +189,11 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         dimension = dimension_by_name[name]
         by_unit = (quantity for quantity in _UNITS if dimension in QUANTITIES[quantity])
         quantity = by_word[name] or next(by_unit, "")
-        if table.numeric_share(name) > 0.5 and (quantity in EFFORTS or _is_signal(table, name, quantity)):
+        if table.numeric_share(name) <= 0.5:
+            continue
+        filled = table.select(table.filled_rows(name))  # a clock increases, and may repeat times
+        rises = quantity != "time" or _rising_share(filled, name) > _RISES
+        if quantity in EFFORTS or (filled.varies(name) and rises):
             found.setdefault(quantity, name)
     found |= {key[0]: assigned.column for key, assigned in columns.assigned.items()}
     kinds = (("force or torque", EFFORTS), ("position or displacement", ("position", "displacement")))
@@ -225,12 +229,6 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         f"{needed}; if columns hold them, or the command of a drive, name them, as in {proposed}{interval}; "
         "if another file with the same rows holds them, give both files"
     )
-
-
-def _is_signal(table: Table, name: str, quantity: str) -> bool:
-    """Return whether the filled cells of a column vary; those of a clock increase, and may repeat times."""
-    filled = table.select(table.filled_rows(name))
-    return filled.varies(name) and (quantity != "time" or _rising_share(filled, name) > _RISES)
 
 
 def _rising_share(table: Table, name: str) -> float:

@@ -73,7 +73,13 @@ class _Hdf5Reader:
             return np.array(None)  # an object of MATLAB's own classes, whose encoding is not documented
         if isinstance(item, h5py.Group):
             return self._records(self.members(item, depth))
-        return self._array(item, depth) if isinstance(item, h5py.Dataset) and _is_readable(item) else None
+        if not isinstance(item, h5py.Dataset):
+            return None
+        kinds = [item.dtype[name] for name in item.dtype.names or ()] or [item.dtype]
+        is_kept = item.dtype == h5py.ref_dtype or any(k.kind in "biufSV" and not k.hasobject for k in kinds)
+        is_inside = not (item.is_virtual or item.external or "MATLAB_empty" in item.attrs)  # the file itself
+        may_hold_columns = item.size and is_kept and sum(n > 1 for n in item.shape) <= _MAX_AXES
+        return self._array(item, depth) if is_inside and may_hold_columns else None
 
     def _array(self, item: h5py.Dataset, depth: int) -> object:
         self._bytes += item.size * item.dtype.itemsize
@@ -97,14 +103,6 @@ class _Hdf5Reader:
         if not fields or not all(isinstance(f, tuple) and len(f) == len(fields[0]) for f in fields):
             return content
         return [dict(zip(content, values, strict=True)) for values in zip(*fields, strict=True)]
-
-
-def _is_readable(item: h5py.Dataset) -> bool:
-    """Return whether an array may hold columns and lies within the file itself."""
-    kinds = [item.dtype[name] for name in item.dtype.names or ()] or [item.dtype]
-    is_kept = item.dtype == h5py.ref_dtype or any(k.kind in "biufSV" and not k.hasobject for k in kinds)
-    is_inside = not (item.is_virtual or item.external or "MATLAB_empty" in item.attrs)
-    return bool(item.size and is_kept and is_inside and sum(n > 1 for n in item.shape) <= _MAX_AXES)
 
 
 def tdms_content(path: Path) -> dict[str, Any]:

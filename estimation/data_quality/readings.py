@@ -149,7 +149,35 @@ def copied_runs(data: ChannelData) -> dict[int, tuple[int, float | None]]:
         Original run and correlation of the noise (1 for equal numbers, None without noise), by the number of
         the copy.
     """
-    return {**{copy: (first, None) for copy, first in _equal_runs(data).items()}, **_copies_by_noise(data)}
+    span = float(np.ptp(data.position)) if len(data) else 0.0
+    by_length: dict[int, list[IntArray]] = {}
+    for rows in rows_of_runs(data.run):
+        effort = data.effort[rows]
+        bends, steps = np.diff(effort, 2), np.diff(np.unique(effort))
+        if np.ptp(data.position[rows]) <= _HELD_RANGE * span or len(bends) < 2 or len(steps) == 0:
+            continue
+        typical = float(np.median(np.abs(bends)))  # must be large enough that readings rarely repeat
+        least = max(_MIN_STEPS * steps.min(), _ROUNDING * float(np.sqrt(np.mean(effort**2))))
+        if typical >= least and _is_noise(bends):
+            by_length.setdefault(len(rows), []).append(rows)
+    copies: dict[int, tuple[int, float | None]] = {
+        copy: (first, None) for copy, first in _equal_runs(data).items()
+    }
+    for length, runs in by_length.items():
+        time_s, effort = data.time_s[np.array(runs)], data.effort[np.array(runs)]
+        steps_s, span_s = np.diff(time_s), time_s[:, 2:] - time_s[:, :-2]
+        between = (effort[:, :-2] * steps_s[:, 1:] + effort[:, 2:] * steps_s[:, :-1]) / span_s
+        # Uneven times also bend a smooth effort, and may repeat; so do their errors.
+        of_order, of_time = _unit_noise(np.diff(effort, 2)), _unit_noise(effort[:, 1:-1] - between)
+        least = _COPIED if length >= _MIN_COMPARED else _IDENTICAL
+        for number, rows in enumerate(runs):
+            match = np.minimum(of_order[:number] @ of_order[number], of_time[:number] @ of_time[number])
+            for first in np.flatnonzero(match > least):
+                largest_difference = np.max(np.abs(data.position[rows] - data.position[runs[first]]))
+                if largest_difference < _MAX_DIFFERENCE * span:
+                    copies[int(data.run[rows[0]])] = int(data.run[runs[first][0]]), float(match[first])
+                    break
+    return copies
 
 
 def _equal_runs(data: ChannelData) -> dict[int, int]:
@@ -175,37 +203,6 @@ def _equal_runs(data: ChannelData) -> dict[int, int]:
         else:
             same_readings.append(rows)
     return equal
-
-
-def _copies_by_noise(data: ChannelData) -> dict[int, tuple[int, float]]:
-    """Find runs whose noise is the same as that of an earlier run; see `copied_runs`."""
-    span = float(np.ptp(data.position)) if len(data) else 0.0
-    by_length: dict[int, list[IntArray]] = {}
-    for rows in rows_of_runs(data.run):
-        effort = data.effort[rows]
-        bends, steps = np.diff(effort, 2), np.diff(np.unique(effort))
-        if np.ptp(data.position[rows]) <= _HELD_RANGE * span or len(bends) < 2 or len(steps) == 0:
-            continue
-        typical = float(np.median(np.abs(bends)))  # must be large enough that readings rarely repeat
-        least = max(_MIN_STEPS * steps.min(), _ROUNDING * float(np.sqrt(np.mean(effort**2))))
-        if typical >= least and _is_noise(bends):
-            by_length.setdefault(len(rows), []).append(rows)
-    copies: dict[int, tuple[int, float]] = {}
-    for length, runs in by_length.items():
-        time_s, effort = data.time_s[np.array(runs)], data.effort[np.array(runs)]
-        steps_s, span_s = np.diff(time_s), time_s[:, 2:] - time_s[:, :-2]
-        between = (effort[:, :-2] * steps_s[:, 1:] + effort[:, 2:] * steps_s[:, :-1]) / span_s
-        # Uneven times also bend a smooth effort, and may repeat; so do their errors.
-        of_order, of_time = _unit_noise(np.diff(effort, 2)), _unit_noise(effort[:, 1:-1] - between)
-        least = _COPIED if length >= _MIN_COMPARED else _IDENTICAL
-        for number, rows in enumerate(runs):
-            match = np.minimum(of_order[:number] @ of_order[number], of_time[:number] @ of_time[number])
-            for first in np.flatnonzero(match > least):
-                largest_difference = np.max(np.abs(data.position[rows] - data.position[runs[first]]))
-                if largest_difference < _MAX_DIFFERENCE * span:
-                    copies[int(data.run[rows[0]])] = int(data.run[runs[first][0]]), float(match[first])
-                    break
-    return copies
 
 
 def _unit_noise(bends: FloatArray) -> FloatArray:

@@ -281,7 +281,19 @@ class Hysteresis(SensorEffect):
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         width = inner["width"]
-        at_first = _first_readings(effort, data, width) if data.kind is ChannelKind.CONTACT else None
+        if data.kind is not ChannelKind.CONTACT:
+            return play(effort, data.run, width, None)
+        # The mean reading of each run before the effort changes, shape (runs,) or (runs, p). Held-out
+        # runs use their own readings too, since other runs do not determine the initial state of the sensor.
+        starts, piece = block_index(data.run)
+        moved = np.abs(effort - effort[starts][piece]) > _STILL * width
+        reading, number = data.effort, np.arange(len(data))
+        if effort.ndim == 2:
+            reading, number = reading[:, None], number[:, None]
+        until = np.minimum.reduceat(np.where(moved, number, len(data)), starts)
+        still = number < until[piece]
+        sums: FloatArray = np.add.reduceat(np.where(still, reading, 0.0), starts)
+        at_first = sums / np.add.reduceat(still.astype(np.float64), starts)
         return play(effort, data.run, width, at_first)
 
     def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
@@ -302,22 +314,6 @@ class Hysteresis(SensorEffect):
         if data.kind is ChannelKind.CONTACT:
             slopes[(held & first)[last]] = 0.0
         return slopes, reading
-
-
-def _first_readings(effort: FloatArray, data: ChannelData, width: float) -> FloatArray:
-    """Return the mean reading of each run before the effort changes, shape (runs,) or (runs, p).
-
-    Held-out runs use their own readings too, since other runs do not determine the sensor's initial state.
-    """
-    starts, piece = block_index(data.run)
-    moved = np.abs(effort - effort[starts][piece]) > _STILL * width
-    reading, number = data.effort, np.arange(len(data))
-    if effort.ndim == 2:
-        reading, number = reading[:, None], number[:, None]
-    until = np.minimum.reduceat(np.where(moved, number, len(data)), starts)
-    still = number < until[piece]
-    sums: FloatArray = np.add.reduceat(np.where(still, reading, 0.0), starts)
-    return sums / np.add.reduceat(still.astype(np.float64), starts)
 
 
 _EDGES = (0.5, 1.5)  # edges that noise can reach, in steps

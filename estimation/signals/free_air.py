@@ -1,6 +1,5 @@
 """Find what readings near zero show about a sensor: its zero and drift in free air, and a dead band."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,8 +68,14 @@ def zero_in_free_air(data: ChannelData) -> FreeAirZero | None:
             elapsed_s.append(data.time_s[end_rows].mean() - data.time_s[compared_rows].mean())
             changes.append(data.effort[end_rows].mean() - data.effort[compared_rows].mean())
             relative_variances.append(2.0 / len(compared_rows))
-    if not start_readings:
-        start_readings = list(_readings_without_contact(data))
+    if not start_readings:  # each run's longest stretch in free air, without its ends near the contacts
+        for rows in rows_of_runs(data.run):
+            engaged = data.engaged[rows]
+            stretches = [rows[block] for block in blocks(engaged) if not engaged[block.start]]
+            longest = max(stretches, key=len, default=rows[:0])
+            margin = int((1.0 - _FREE_SHARE) * len(longest)) + 1
+            if len(longest) >= 2 * margin + _MIN_READINGS:
+                start_readings.append(data.effort[longest[margin:-margin]])
     if not start_readings:
         return None
     noise = float(np.std(np.concatenate([part - part.mean() for part in start_readings])))
@@ -78,17 +83,6 @@ def zero_in_free_air(data: ChannelData) -> FreeAirZero | None:
     rate = float(np.vdot(elapsed_s, changes)) / energy if energy > 0.0 else None
     rate_std_err = noise * float(np.sqrt(max(relative_variances) / energy)) if energy > 0.0 else np.inf
     return FreeAirZero(noise, bias, rate, rate_std_err, float(np.ptp(data.time_s)))
-
-
-def _readings_without_contact(data: ChannelData) -> Iterator[FloatArray]:
-    """Yield the readings of each run's longest stretch in free air, without its ends near the contacts."""
-    for rows in rows_of_runs(data.run):
-        in_contact = data.engaged[rows]
-        stretches = [rows[block] for block in blocks(in_contact) if not in_contact[block.start]]
-        longest = max(stretches, key=len, default=rows[:0])
-        margin = int((1.0 - _FREE_SHARE) * len(longest)) + 1
-        if len(longest) >= 2 * margin + _MIN_READINGS:
-            yield data.effort[longest[margin:-margin]]
 
 
 def may_have_dead_band(readings: FloatArray, half_width: float, sigma: float) -> bool:

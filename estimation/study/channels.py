@@ -278,7 +278,12 @@ def _update_digest(digest: "hashlib._Hash", value: object) -> None:
     """Update a digest with a value, its type and its size; numbers that differ by rounding are the same."""
     match value:
         case np.ndarray() if value.dtype.kind == "f":
-            _update_digest(digest, (value.shape, *_projections(value)))
+            # Its scale, and its rounded projections on fixed directions, identify an array.
+            is_finite = np.isfinite(value).ravel()
+            flat = np.where(is_finite, value.ravel(), 0.0)
+            scale, directions = float(np.linalg.norm(flat)), _directions(len(flat))
+            projected = (*(directions @ (flat / (scale or 1.0))).tolist(), *(directions @ is_finite))
+            _update_digest(digest, (value.shape, scale, *(round(each, _DIGITS) + 0.0 for each in projected)))
         case float():
             digest.update(f"{value:.{_DIGITS}g};".encode())
         case np.ndarray():
@@ -300,16 +305,6 @@ def _update_digest(digest: "hashlib._Hash", value: object) -> None:
                     _update_digest(digest, (field.name, getattr(value, field.name)))
         case _:
             digest.update(f"{type(value).__name__}={value!r};".encode())
-
-
-def _projections(values: FloatArray) -> list[float]:
-    """Return the scale of an array, and its rounded projections on fixed directions, which identify it."""
-    is_finite = np.isfinite(values).ravel()
-    flat = np.where(is_finite, values.ravel(), 0.0)
-    scale = float(np.linalg.norm(flat))
-    directions = _directions(len(flat))
-    shares = directions @ (flat / (scale or 1.0))
-    return [scale, *(round(each, _DIGITS) + 0.0 for each in (*shares.tolist(), *(directions @ is_finite)))]
 
 
 @lru_cache(maxsize=2)

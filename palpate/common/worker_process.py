@@ -1,8 +1,7 @@
 """Start a worker process and communicate with it over a pipe."""
 
 import signal
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
@@ -27,15 +26,7 @@ def start_worker(
     context = get_context("spawn")
     pipe, worker_end = context.Pipe()
     process = context.Process(target=target, args=(worker_end, *arguments), daemon=True)
-    with _interrupt_blocked():
-        process.start()
-    worker_end.close()
-    return process, pipe
-
-
-@contextmanager
-def _interrupt_blocked() -> Iterator[None]:
-    """Block Ctrl-C in processes that are started within the context, and defer it in this process."""
+    # Ctrl-C is blocked in the new process, and deferred in this one.
     resource_tracker.ensure_running()  # its start would unblock the signal
     deferred = list[int]()
     handler = signal.getsignal(signal.SIGINT)
@@ -43,10 +34,12 @@ def _interrupt_blocked() -> Iterator[None]:
         signal.signal(signal.SIGINT, lambda number, _: deferred.append(number))
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # new processes inherit it
     try:
-        yield
+        process.start()
     finally:
         if current_thread() is main_thread():
             signal.signal(signal.SIGINT, handler)
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         for number in deferred:
             signal.raise_signal(number)
+    worker_end.close()
+    return process, pipe

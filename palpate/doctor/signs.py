@@ -147,7 +147,10 @@ def examine_signs(
             yield RESTLESS
             return
         angles_rad = _read_for(robot, _START_S)[-1].joint_position_rad
-        hand.turn(joint, _tip_motion(body, angles_rad, joint))
+        turned_rad = angles_rad + _SHOWN_RAD * (np.arange(len(angles_rad)) == joint)
+        way_m = body.tip_pose(turned_rad)[0] - body.tip_pose(angles_rad)[0]
+        is_seen = np.linalg.norm(way_m) >= 1e-3
+        hand.turn(joint, f"the tip goes {describe_direction(way_m)}" if is_seen else "to its positive side")
         yield _joint_finding(joint, _watch(robot, hand, lambda m: m.joint_position_rad, _MOVED_RAD))
     if not _wait_until(robot, hand, _is_still):
         yield RESTLESS
@@ -164,18 +167,6 @@ def examine_signs(
     force_n = _force_n(_read_for(robot, 0.1))
     value = f"{force_n:+.2f} N remain after the press; before it, the force was {rest_n:+.2f} N"
     yield fail("hands away", value, "take all hands off the arm; if the force stays, the sensor is stuck")
-
-
-def _tip_motion(body: RigidBody, angles_rad: FloatArray, joint: int) -> str:
-    """Describe the tip's motion for a positive turn of a joint, such as "the tip goes up and forwards"."""
-    turned_rad = angles_rad.copy()
-    turned_rad[joint] += _SHOWN_RAD
-    way_m = body.tip_pose(turned_rad)[0] - body.tip_pose(angles_rad)[0]
-    return (
-        f"the tip goes {describe_direction(way_m)}"
-        if np.linalg.norm(way_m) >= 1e-3
-        else "to its positive side"
-    )
 
 
 def _joint_finding(joint: int, moved_rad: FloatArray) -> Finding:
@@ -340,7 +331,21 @@ def examine_powered(
     for joint in range(robot_file.joint_count):
         begun = np.searchsorted(time_s, [(joint + half) * _NUDGE_S for half in (0.0, 0.5, 1.0)])
         there, back = (MeanMotion.of(measured[first:last], body) for first, last in itertools.pairwise(begun))
-        yield from _nudged(joint, there, back, floor_nm[joint])
+        moved_rad = abs(float((there.moved_rad - back.moved_rad)[joint])) / 2
+        share = abs(float((there.reported_rad - back.reported_rad)[joint])) / 2 / max(moved_rad, 1e-9)
+        is_stuck = moved_rad < _FOLLOWED * NUDGE_RAD
+        is_scaled = not is_stuck and not abs(share - 1.0) <= _SPEED_SHARE
+        value = f"moved {moved_rad:.3f} of {NUDGE_RAD:g} rad"
+        value += f"; its reported speeds are {share:.2f} of those of its positions" * is_scaled
+        stuck = "it does not follow: friction, a low torque limit, or a wrong torque constant"
+        model = "its torques have a wrong scale too: correct its model in the robot file"
+        remedies = (_FAIL, is_stuck, stuck), (_FAIL, is_scaled, model)
+        yield graded(f"drive of joint {joint + 1}", value, *remedies)
+        # Friction is half the difference of both ways.
+        excess_nm = (there.held_nm - there.required_nm - back.held_nm + back.required_nm)[joint]
+        held_nm, required_nm = (there.held_nm + back.held_nm) / 2, (there.required_nm + back.required_nm) / 2
+        friction_nm = abs(float(excess_nm)) / 2
+        yield _torque_finding(joint, held_nm[joint], required_nm[joint], floor_nm[joint], friction_nm)
 
 
 class MeanMotion(NamedTuple):
@@ -365,22 +370,6 @@ class MeanMotion(NamedTuple):
             np.mean([m.joint_torque_nm for m in measured], axis=0),
             body.inverse_dynamics(middle_rad, np.zeros_like(middle_rad), acceleration_rad_s2),
         )
-
-
-def _nudged(joint: int, there: MeanMotion, back: MeanMotion, floor_nm: float) -> Iterator[Finding]:
-    """Check how a joint moves and how much it carries; friction is half the difference of both ways."""
-    moved_rad = abs(float((there.moved_rad - back.moved_rad)[joint])) / 2
-    share = abs(float((there.reported_rad - back.reported_rad)[joint])) / 2 / max(moved_rad, 1e-9)
-    is_stuck = moved_rad < _FOLLOWED * NUDGE_RAD
-    is_scaled = not is_stuck and not abs(share - 1.0) <= _SPEED_SHARE
-    value = f"moved {moved_rad:.3f} of {NUDGE_RAD:g} rad"
-    value += f"; its reported speeds are {share:.2f} of those of its positions" * is_scaled
-    stuck = "it does not follow: friction, a low torque limit, or a wrong torque constant"
-    model = "its torques have a wrong scale too: correct its model in the robot file"
-    yield graded(f"drive of joint {joint + 1}", value, (_FAIL, is_stuck, stuck), (_FAIL, is_scaled, model))
-    excess_nm = (there.held_nm - there.required_nm - back.held_nm + back.required_nm)[joint]
-    held_nm, required_nm = (there.held_nm + back.held_nm) / 2, (there.required_nm + back.required_nm) / 2
-    yield _torque_finding(joint, held_nm[joint], required_nm[joint], floor_nm, abs(float(excess_nm)) / 2)
 
 
 def _torque_finding(

@@ -232,10 +232,22 @@ class Guard:
             self.watch(measurement)
         if self._trip is None:
             problem = self._command_problem(command, dt_s)
-            if problem is None:
-                return self._clip(command, measurement, dt_s)
-            self.trip(problem.text, problem.remedy)
-        return self._stop(measurement, dt_s)
+            if problem is not None:
+                self.trip(problem.text, problem.remedy)
+        if self._trip is not None:
+            return self._stop(measurement, dt_s)
+        previous_nm = self._previous_nm
+        if measurement.time_s - self._previous_s > PAUSE_S:
+            measured_nm = zip(measurement.joint_torque_nm.tolist(), self._torque_limits, strict=True)
+            previous_nm = [clip(torque, -largest, largest) for torque, (largest, _) in measured_nm]
+        torques = zip(command.joint_torque_nm.tolist(), previous_nm, self._torque_limits, strict=True)
+        sent_nm = [
+            clip(clip(torque, -largest, largest), previous - rate * dt_s, previous + rate * dt_s)
+            for torque, previous, (largest, rate) in torques
+        ]
+        self._previous_nm, self._previous_s = sent_nm, measurement.time_s
+        self._unresponsive_drives.sent(measurement.time_s, sent_nm)
+        return _command(sent_nm)
 
     def rearm(self, measurement: Measurement) -> None:
         """Let commands through again, starting from the measured state and torque.
@@ -276,22 +288,6 @@ class Guard:
         if not 0 <= dt_s < inf:
             return Problem(f"the time step is {dt_s} s")
         return None
-
-    def _clip(self, command: Command, measurement: Measurement, dt_s: float) -> Command:
-        command_nm = command.joint_torque_nm.tolist()
-        previous_nm = self._previous_nm
-        if measurement.time_s - self._previous_s > PAUSE_S:
-            measured_nm = zip(measurement.joint_torque_nm.tolist(), self._torque_limits, strict=True)
-            previous_nm = [clip(torque, -largest, largest) for torque, (largest, _) in measured_nm]
-        sent_nm = [
-            clip(clip(torque, -largest, largest), previous - rate * dt_s, previous + rate * dt_s)
-            for torque, previous, (largest, rate) in zip(
-                command_nm, previous_nm, self._torque_limits, strict=True
-            )
-        ]
-        self._previous_nm, self._previous_s = sent_nm, measurement.time_s
-        self._unresponsive_drives.sent(measurement.time_s, sent_nm)
-        return _command(sent_nm)
 
     def _stop(self, measurement: Measurement, dt_s: float) -> Command:
         self._stopping_s += dt_s if dt_s > 0 else inf

@@ -151,8 +151,18 @@ class LinkConnection:
         is_mutual = bool(json.loads(config.get_json(_TLS))["enable_mtls"])  # both sides need a certificate
         is_certified = is_mutual and all(e.startswith(("tls/", "quic/")) for e in _endpoints(config))
         self.is_open_here = role == "follower" and settings.key is None and not is_certified
-        if self.is_open_here:
-            _restrict_to_this_machine(config, settings)
+        if self.is_open_here:  # without zenoh's default listeners, other machines must not reach it
+            if config.get_json(_LISTEN) == zenoh.Config().get_json(_LISTEN):
+                config.insert_json5(_LISTEN, json.dumps([f"{_LOOPBACK}:{settings.port}"]))
+            open_to = [endpoint for endpoint in _endpoints(config) if not _is_local(endpoint)]
+            if json.loads(config.get_json(_MULTICAST)):
+                open_to.append(_MULTICAST.replace("/", "."))
+            config.insert_json5(_MULTICAST, "false")
+            if open_to:
+                raise InputError(
+                    f"{settings.config}: {open_to[0]}: anybody who connects there could move the arm. Give "
+                    "--key FILE on both sides, or certificates (enable_mtls), or stay on 127.0.0.1"
+                )
         self._over_udp = any("udp/" in config.get_json(f"{key}/endpoints") for key in ("listen", "connect"))
         topics = [f"palpate/{settings.name}/{side}" for side in (role, _OTHER_ROLE[role])]
         own_topic, self._peer_topic = topics
@@ -282,21 +292,6 @@ def _config(role: Role, settings: LinkSettings) -> "zenoh.Config":
     }.items():
         config.insert_json5(key, json.dumps(value))
     return config
-
-
-def _restrict_to_this_machine(config: "zenoh.Config", settings: LinkSettings) -> None:
-    """Disable zenoh's default listeners; raise `InputError` if other machines could still connect."""
-    if config.get_json(_LISTEN) == zenoh.Config().get_json(_LISTEN):
-        config.insert_json5(_LISTEN, json.dumps([f"{_LOOPBACK}:{settings.port}"]))
-    open_to = [endpoint for endpoint in _endpoints(config) if not _is_local(endpoint)]
-    if json.loads(config.get_json(_MULTICAST)):
-        open_to.append(_MULTICAST.replace("/", "."))
-    config.insert_json5(_MULTICAST, "false")
-    if open_to:
-        raise InputError(
-            f"{settings.config}: {open_to[0]}: anybody who connects there could move the arm. Give --key "
-            "FILE on both sides, or certificates (enable_mtls), or stay on 127.0.0.1"
-        )
 
 
 def _endpoints(config: "zenoh.Config") -> list[str]:

@@ -163,30 +163,25 @@ class _Scanner:
             checksum = zlib.crc32(record, zlib.crc32(head, checksum))
             self.take(opcode, record)
 
-    def _choose_decoders(self, formats: Formats) -> None:
-        """Choose the topics that are decoded, with room for all messages of the file."""
-        start = position = self._file.tell()
-        unpacked = MAX_CHUNK_BYTES  # of this chunk
-        while position + _RECORD.size <= self._size:
-            self._file.seek(position)
-            opcode, length = _RECORD.unpack(self._file.read(_RECORD.size))
-            position += _RECORD.size + length
-            if opcode == Opcode.CHUNK and length >= _CHUNK_SIZES.size and position <= self._size:
-                *_, size = _CHUNK_SIZES.unpack(self._file.read(_CHUNK_SIZES.size))
-                unpacked += min(size, MAX_CHUNK_BYTES)
-        self._file.seek(start)
-        wire_formats = formats(self.content.metadata.get(HEADER_RECORD, {}))
-        capacity_bytes = min(unpacked, self._bytes_left)
-        self.content.decoded = {topic: Decoder(wire, capacity_bytes) for topic, wire in wire_formats.items()}
-
     def take(self, opcode: int, record: bytes) -> None:
         if opcode == Opcode.METADATA:
             metadata = Metadata.read(_stream(record))
             self.content.metadata[metadata.name] = metadata.metadata
         elif opcode == Opcode.CHUNK:
-            if self._formats is not None:
-                self._choose_decoders(self._formats)
-                self._formats = None
+            if self._formats is not None:  # choose the decoded topics, with room for all messages of the file
+                start = position = self._file.tell()
+                unpacked = MAX_CHUNK_BYTES  # of this chunk
+                while position + _RECORD.size <= self._size:
+                    self._file.seek(position)
+                    code, length = _RECORD.unpack(self._file.read(_RECORD.size))
+                    position += _RECORD.size + length
+                    if code == Opcode.CHUNK and length >= _CHUNK_SIZES.size and position <= self._size:
+                        *_, size = _CHUNK_SIZES.unpack(self._file.read(_CHUNK_SIZES.size))
+                        unpacked += min(size, MAX_CHUNK_BYTES)
+                self._file.seek(start)
+                wires = self._formats(self.content.metadata.get(HEADER_RECORD, {}))
+                capacity_bytes, self._formats = min(unpacked, self._bytes_left), None
+                self.content.decoded = {topic: Decoder(wire, capacity_bytes) for topic, wire in wires.items()}
             chunk = Chunk.read(_stream(record))
             size = chunk.uncompressed_size
             if size > MAX_CHUNK_BYTES:

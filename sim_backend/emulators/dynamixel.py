@@ -40,15 +40,9 @@ def checksum(data: bytes) -> int:
     return remainder
 
 
-def _divide(byte: int) -> int:
-    remainder = byte << 8
-    for _ in range(8):
-        carry = remainder >> 15
-        remainder = (remainder << 1) & 0xFFFF ^ 0x8005 * carry
-    return remainder
-
-
-_QUOTIENTS = [_divide(byte) for byte in range(256)]
+_QUOTIENTS = [byte << 8 for byte in range(256)]
+for _ in range(8):
+    _QUOTIENTS = [(rest << 1) & 0xFFFF ^ 0x8005 * (rest >> 15) for rest in _QUOTIENTS]
 
 
 def parse_instruction(pending: bytearray) -> ServoInstruction | None:
