@@ -7,6 +7,7 @@ and motor current with firmware 0.5 or torques with 0.6, at the control rate), c
 """
 
 from collections.abc import Mapping
+from functools import partial
 from math import inf, tau
 from typing import Annotated
 
@@ -16,7 +17,7 @@ from pydantic import Field, model_validator
 from palpate.robot_io.driver import DriverContext
 from palpate.robot_io.drivers import odrive_protocol as odrive
 from palpate.robot_io.drivers.can.line import CanFrame, CanLineSettings
-from palpate.robot_io.drivers.can.motors import MotorBus, MotorMounting
+from palpate.robot_io.drivers.can.motors import ATTEMPTS, MotorBus, MotorMounting
 from palpate.robot_io.drivers.joint_bus import joint_drivers
 from palpate.robot_io.drivers.odrive_protocol import AxisState, Firmware, Heartbeat, OdriveCommand
 from palpate.robot_io.drivers.odrive_stream import ASK_PERIOD_S, AnswerDelay, EstimateStream
@@ -259,6 +260,8 @@ class OdriveBus(MotorBus):
         """See `JointBus.power_on`; checks node ids and watchdogs first."""
         self._measure_latencies()  # refuses a second axis that has joined since the configuration
         self._refuse_two_axes()
+        self._send_all(self._frames(OdriveCommand.CLEAR_ERRORS, 0))  # once: later errors are not cleared
+        self._heartbeats = [None] * self.joint_count
         self._arm()
         bit = odrive.WATCHDOG_EXPIRED[self._settings.firmware]
 
@@ -284,18 +287,26 @@ class OdriveBus(MotorBus):
     def _switch_off(self) -> None:
         """See `MotorBus._switch_off`; each axis must confirm by a heartbeat."""
         sent_s = self._clock.now_s()
-        zero_torque = [odrive.encode_input_torque(axis.node_id, 0.0) for axis in self._axes]
-        self._send_all([*zero_torque, *self._frames(OdriveCommand.SET_AXIS_STATE, AxisState.IDLE)])
 
-        def still_on() -> list[str]:
+        def still_on() -> list[int]:
             return [
-                self.motor_label(joint)
+                joint
                 for joint, beat in enumerate(self._heartbeats)
                 if beat is None or beat.state is not AxisState.IDLE or self._heartbeat_at_s[joint] <= sent_s
             ]
 
-        if not self._wait_for(lambda: not still_on(), self._heartbeat_timeout_s):
-            raise DeviceError(f"{self.line.label}: did not confirm that it is idle: {', '.join(still_on())}")
+        joints = list(range(self.joint_count))
+        for _ in range(ATTEMPTS):
+            frames = []
+            for node in (self._axes[joint].node_id for joint in joints):
+                frames.append(odrive.encode_input_torque(node, 0.0))
+                frames.append(odrive.encode_command(node, OdriveCommand.SET_AXIS_STATE, AxisState.IDLE))
+            self._send_all(frames)
+            if self._wait_for(lambda: not still_on(), self._heartbeat_timeout_s):
+                return
+            joints = still_on()
+        labels = ", ".join(map(self.motor_label, joints))
+        raise DeviceError(f"{self.line.label}: did not confirm that it is idle: {labels}")
 
     @property
     def _heartbeat_timeout_s(self) -> float:
@@ -366,44 +377,55 @@ class OdriveBus(MotorBus):
         return f"sends no torques; set {torque}" if self._torque_at_s[joint] == -inf else ""
 
     def _arm(self) -> None:
-        """Clear errors and go to closed-loop torque control at zero torque."""
-        armed_s = self._clock.now_s()
-        self._send_all(self._frames(OdriveCommand.CLEAR_ERRORS, 0))
-        self._send_all(
-            [
-                odrive.encode_command(
-                    axis.node_id,
-                    OdriveCommand.SET_LIMITS,
-                    _SPARE_SPEED * self._fastest_rev_s(joint),
-                    axis.current_limit_a,
-                )
-                for joint, axis in enumerate(self._axes)
-                if axis.current_limit_a is not None
-            ]
-        )
+        """Go to closed-loop torque control at zero torque, from no error but an expired watchdog.
+
+        Frames to an axis that does not confirm are repeated. The controller mode and the limits cannot be
+        confirmed, and are always sent twice.
+        """
+        watchdog = odrive.WATCHDOG_EXPIRED[self._settings.firmware]
         zero_torque = [odrive.encode_input_torque(axis.node_id, 0.0) for axis in self._axes]
-        self._send_all(
-            self._frames(OdriveCommand.SET_CONTROLLER_MODE, odrive.TORQUE_CONTROL, odrive.PASSTHROUGH)
-        )
-        self._send_all(zero_torque)
-        self._send_all(self._frames(OdriveCommand.SET_AXIS_STATE, AxisState.CLOSED_LOOP_CONTROL))
+        armed_s = self._clock.now_s()
 
-        def armed() -> bool:
+        def missing() -> list[int]:
             self._send_all(zero_torque)  # feeds the watchdogs
-            return all(
-                beat is not None
-                and beat.state is AxisState.CLOSED_LOOP_CONTROL
-                and not beat.axis_error
-                and self._heartbeat_at_s[joint] > armed_s
+            return [
+                joint
                 for joint, beat in enumerate(self._heartbeats)
-            )
+                if beat is None
+                or beat.state is not AxisState.CLOSED_LOOP_CONTROL
+                or beat.axis_error
+                or self._heartbeat_at_s[joint] <= armed_s
+            ]
 
-        if not self._wait_for(armed, self._heartbeat_timeout_s):
-            states = "; ".join(
-                f"{self.motor_label(joint)} is {self._describe(beat) if beat else 'silent'}"
-                for joint, beat in enumerate(self._heartbeats)
-            )
-            raise DeviceError(f"{self.line.label}: no closed-loop control: {states}")
+        joints = list(range(self.joint_count))
+        for _ in range(ATTEMPTS):
+            self._send_all([frame for joint in joints for frame in self._arming_frames(joint)])
+            if self._wait_for(lambda: not missing(), self._heartbeat_timeout_s):
+                return
+            joints = missing()
+            beats = [self._heartbeats[joint] for joint in joints]
+            if any(beat and (beat.axis_error & ~watchdog or beat.component_errors) for beat in beats):
+                break  # it occurred after the errors were cleared, or cannot be cleared
+        states = "; ".join(
+            f"{self.motor_label(joint)} is {self._describe(beat) if beat else 'silent'}"
+            for joint, beat in enumerate(self._heartbeats)
+        )
+        raise DeviceError(f"{self.line.label}: no closed-loop control: {states}")
+
+    def _arming_frames(self, joint: int) -> list[CanFrame]:
+        """Return the frames that arm an axis; they clear an expired watchdog, and no other error."""
+        axis, beat = self._axes[joint], self._heartbeats[joint]
+        encode = partial(odrive.encode_command, axis.node_id)
+        settings = [encode(OdriveCommand.SET_CONTROLLER_MODE, odrive.TORQUE_CONTROL, odrive.PASSTHROUGH)]
+        if axis.current_limit_a is not None:
+            fastest_rev_s = _SPARE_SPEED * self._fastest_rev_s(joint)
+            settings.append(encode(OdriveCommand.SET_LIMITS, fastest_rev_s, axis.current_limit_a))
+        is_expired = beat is not None and beat.axis_error == odrive.WATCHDOG_EXPIRED[self._settings.firmware]
+        return [
+            *([encode(OdriveCommand.CLEAR_ERRORS, 0)] if is_expired else []),
+            *(2 * [*settings, odrive.encode_input_torque(axis.node_id, 0.0)]),
+            encode(OdriveCommand.SET_AXIS_STATE, AxisState.CLOSED_LOOP_CONTROL),
+        ]
 
     def _describe(self, beat: Heartbeat) -> str:
         names = odrive.axis_error_names(beat.axis_error, self._settings.firmware)

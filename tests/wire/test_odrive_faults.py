@@ -127,6 +127,59 @@ def test_restarted_axis_that_arms_itself_gets_no_torque_until_the_next_activatio
     assert arm.ticks(5, PUSH_NM).torque_status is Status.OK
 
 
+def lose(motor, lost):
+    """Lose the frames to a motor for whose command and number `lost` is true; return all commands."""
+    commands, process = [], motor._process
+
+    def process_others(message, now_s):
+        if message.arbitration_id >> 5 != motor.number:
+            return []
+        commands.append(message.arbitration_id & 0x1F)
+        return [] if lost(commands[-1], commands.count(commands[-1])) else process(message, now_s)
+
+    motor._process = process_others
+    return commands
+
+
+CLEAR, STATE, TORQUE = 0x18, 0x07, 0x0E
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("command", [0x0B, 0x0F, TORQUE, STATE, CLEAR])
+def test_lost_frame_of_an_activation_is_sent_again(make_robot, command, count):
+    """Every tenth activation failed with one lost frame in a hundred; a lost mode went unnoticed."""
+    arm = make_robot(ODRIVE, [("max_torque_nm: 4.4}", "max_torque_nm: 4.4, current_limit_a: 40}")])
+    arm.robot.configure()
+    motor = arm.motors[0]
+    commands = lose(motor, lambda sent, number: (sent, number) == (command, count))
+    arm.robot.activate()
+    assert (motor.state, motor.error, motor._control_mode, motor.current_limit_a) == (8, 0, 1, 40.0)
+    assert commands.count(CLEAR) == 2 + ((command, count) == (CLEAR, 2))  # again for the expired watchdog
+    arm.ticks(3, (1.0, 0.0, 0.0))
+    assert arm.drive_torque_nm[0] == pytest.approx(1.0)
+    del commands[:]
+    command, count = STATE, 1  # the command to be idle is lost as well
+    arm.robot.deactivate()
+    assert motor.state == 1
+
+
+@pytest.mark.parametrize("since", [STATE, None], ids=["while armed", "in the silence"])
+@pytest.mark.parametrize("changes", [(), V0_5], ids=["0.6", "0.5"])
+def test_error_during_an_activation_is_not_cleared(make_robot, changes, since):
+    """The watchdog's error is cleared after its trial, and so was any other."""
+    arm = make_robot(changes=changes)
+    arm.robot.configure()
+    motor, disarm = arm.motors[1], arm.motors[1]._disarm
+    if since:
+        commands = lose(motor, lambda command, _: command == since and bool(motor._fail()))
+    else:
+        commands = lose(motor, lambda *_: False)
+        motor._disarm = lambda error: disarm(error) or (motor.error and disarm(motor.error | 1 << 6))
+    with pytest.raises(DeviceError, match=r"no closed-loop control: .*joint 2 \(node 1\) is IDLE "):
+        arm.robot.activate()
+    assert commands.count(CLEAR) == 1
+
+
 def test_lost_heartbeat_is_distinguished_from_lost_estimates(make_robot):
     arm = make_robot().start()
     arm.motors[0]._heartbeat_s = 1e9
