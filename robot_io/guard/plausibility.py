@@ -401,11 +401,20 @@ class _Drive:
         """Smallest recent torque if all had one sign [N m]."""
         return min(self.low_nm, self.high_nm, key=abs)
 
-    def is_missing(self, at_s: float) -> bool:
-        """Return whether the reading of a time [s] indicates a missing torque."""
+    def is_missing(self, at_s: float, *, is_bound: bool) -> bool:
+        """Return whether the reading of a time [s] indicates a missing torque.
+
+        Args:
+            at_s: time of the reading [s].
+            is_bound: whether a drive is at the end of its range. A larger torque may stand behind the largest
+                reading so far, but none of the other sign.
+        """
         low_nm, high_nm = self.low_nm, self.high_nm
         sign, least_nm, most_nm = (1.0, low_nm, high_nm) if low_nm > 0.0 else (-1.0, -high_nm, -low_nm)
         if not least_nm > 2.0 * self.floor_nm:
+            return False
+        largest_nm = self.range_nm[1] if sign > 0.0 else -self.range_nm[0]
+        if is_bound and 0.0 < sign * self.measured_nm >= largest_nm:
             return False
         missing_nm = least_nm - sign * self.measured_nm
         jumps_nm = _JUMPS * self.jump_nm
@@ -483,19 +492,19 @@ class UnresponsiveDrives:
         dt_s = min(sampled_at_s - self._sampled_at_s, _PAUSE_S)
         self._sampled_at_s = sampled_at_s
         is_first = sampled_at_s - self._begun_s < _FIRST_S
-        is_judged = not is_first and measurement.torque_status is not Status.SATURATED
+        is_bound = measurement.torque_status is Status.SATURATED
         share = dt_s / (dt_s + (_FIRST_HABIT_S if is_first else _HABIT_S))
         torques_nm = measurement.joint_torque_nm.tolist()
         for joint, (drive, measured_nm) in enumerate(zip(self._drives, torques_nm, strict=True), 1):
             drive.shows(measured_nm, sampled_at_s)
-            if is_judged and sampled_at_s - drive.changed_at_s >= self._time_s and drive.is_frozen():
+            if not is_first and sampled_at_s - drive.changed_at_s >= self._time_s and drive.is_frozen():
                 low_nm, high_nm = drive.expected_nm
                 return Problem(
                     f"joint {joint}: its measured torque is stuck at {measured_nm:.2f} N m while "
                     f"{low_nm:.2f} to {high_nm:.2f} N m were sent",
                     _DRIVE_REMEDY,
                 )
-            if not (is_judged and drive.is_missing(sampled_at_s)):
+            if is_first or not drive.is_missing(sampled_at_s, is_bound=is_bound):
                 drive.count, drive.obeyed_at_s = 0, sampled_at_s
                 off_nm = measured_nm - clip(measured_nm, drive.low_nm, drive.high_nm)
                 drive.usually_off_nm += (off_nm - drive.usually_off_nm) * share

@@ -102,6 +102,20 @@ def test_position_at_the_end_of_the_wire_range_is_saturated(make_robot):
 
 @pytest.mark.parametrize("path", [CUBEMARS, DAMIAO, ROBSTRIDE], ids=lambda path: path.stem)
 @pytest.mark.parametrize("end", [-1, 1])
+def test_torque_at_the_end_of_the_wire_range_is_saturated(make_robot, path, end):
+    """The end of the range was served as the measured torque."""
+    arm = make_robot(path).start()
+    push_nm = (end * 3.0, -2.0, 1.0)
+    assert arm.ticks(4, push_nm).torque_status is Status.OK
+    motor = arm.motors[0]
+    motor._torque_limit = 0.5 * abs(motor.shaft.torque_nm)
+    motor._drive = lambda: None  # its own torque stays
+    assert arm.ticks(4, push_nm).torque_status is Status.SATURATED
+    assert not arm.problem
+
+
+@pytest.mark.parametrize("path", [CUBEMARS, DAMIAO, ROBSTRIDE], ids=lambda path: path.stem)
+@pytest.mark.parametrize("end", [-1, 1])
 def test_motor_that_passes_the_end_of_its_range_has_no_known_position(make_robot, path, end):
     """Robstride's continue at the other end, and were read 12.6 rad off as healthy."""
     arm = make_robot(path).start()

@@ -63,7 +63,7 @@ class MotorBus(JointBus, Examinable):
         n = len(mountings)
         self._position_rad, self._velocity_rad_s, self._torque_nm = ([float("nan")] * n for _ in range(3))
         self._motion_at_s, self._torque_at_s = [-inf] * n, [-inf] * n
-        self._at_range_end = [False] * n
+        self._at_range_end, self._torque_at_end = [False] * n, [False] * n
         self._motion_is_wrong = [False] * n  # the motor reports that its encoder has failed
         # What showed that a motor has restarted or switched itself off, until the torque is switched off.
         self._lost = [""] * n
@@ -240,7 +240,8 @@ class MotorBus(JointBus, Examinable):
         motion_status = Status.STALE if motion_at_s == -inf else motion_status
         self.position = Reading(np.array(self._position_rad), motion_at_s, motion_status)
         self.velocity = Reading(np.array(self._velocity_rad_s), motion_at_s, motion_status)
-        torque_status = Status.FAULT if any(faults) else Status.OK
+        torque_status = Status.SATURATED if any(self._torque_at_end) else Status.OK
+        torque_status = Status.FAULT if any(faults) else torque_status
         torque_status = Status.STALE if torque_at_s == -inf else torque_status
         self.torque = Reading(np.array(self._torque_nm), torque_at_s, torque_status)
 

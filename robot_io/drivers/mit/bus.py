@@ -109,6 +109,7 @@ class MitBus(PolledMotorBus[MitState]):
         self._store_motion(joint, state.position_rad, state.velocity_rad_s, requested_s)
         self._store_torque(joint, state.torque_nm, requested_s)
         self._has_left_range[joint] |= abs(state.position_rad) > self._last_rad[joint]
+        self._torque_at_end[joint] = state.torque_at_end
         self._at_range_end[joint] = state.at_range_end or self._has_left_range[joint]
         fault, error = self._dialect.encoder_fault, state.error
         is_fault = error & fault if fault and self._dialect.errors_are_bits else error == fault

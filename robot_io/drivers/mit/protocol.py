@@ -55,8 +55,9 @@ class MitState:
     position_rad: float  # of the output shaft [rad]
     velocity_rad_s: float  # of the output shaft [rad/s]
     torque_nm: float  # at the output shaft [N m]
-    # Whether a value is at the end of its range, so that the true value may lie beyond.
+    # Whether position or velocity is at the end of its range, so that the true value may lie beyond.
     at_range_end: bool
+    torque_at_end: bool  # whether the torque is
     error: int  # see `MitProtocol.errors`; 0 is none, or old firmware that does not send it
     # Whether the motor is in motor mode; None if it does not report that.
     enabled: bool | None
@@ -194,6 +195,7 @@ class MitFrames:
             velocity_rad_s=_from_bits(velocity, ranges.velocity_rad_s, _MAX_12),
             torque_nm=_from_bits(torque, ranges.torque_nm, _MAX_12),
             at_range_end=position in (0, MAX_16) or velocity in (0, _MAX_12),
+            torque_at_end=torque in (0, _MAX_12),
             error=error,
             enabled=enabled,
         )
@@ -322,6 +324,7 @@ class RobstrideFrames(MitFrames):
             velocity_rad_s=_from_bits(velocity, ranges.velocity_rad_s, MAX_16),
             torque_nm=_from_bits(torque, ranges.torque_nm, MAX_16),
             at_range_end=position in (0, MAX_16) or velocity in (0, MAX_16),
+            torque_at_end=torque in (0, MAX_16),
             error=frame.can_id >> 16 & 0x3F,
             enabled=mode == _RUNNING,
         )

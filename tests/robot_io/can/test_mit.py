@@ -56,9 +56,11 @@ def test_full_range_of_each_model(maker, model):
         *((1, 2048, False), (65534, 2048, False), (32768, 1, False), (32768, 4094, False)),
     ],
 )
-def test_end_of_a_range_is_known_on_either_side(position, velocity, at_end):
-    data = bitstruct.pack("u8u16u12u12", 3, position, velocity, 0)
-    assert FRAMES.state(CanFrame(0, data), AK80_9).at_range_end == at_end
+@pytest.mark.parametrize(("torque", "torque_at_end"), [(0, True), (1, False), (4094, False), (4095, True)])
+def test_end_of_a_range_is_known_on_either_side(position, velocity, at_end, torque, torque_at_end):
+    data = bitstruct.pack("u8u16u12u12", 3, position, velocity, torque)
+    state = FRAMES.state(CanFrame(0, data), AK80_9)
+    assert (state.at_range_end, state.torque_at_end) == (at_end, torque_at_end)
 
 
 @given(st.floats(-30, 30))

@@ -339,20 +339,30 @@ def test_single_bad_samples_do_not_add_up():
     assert ticks_until_named(UnresponsiveDrives(LIMITS), two, lambda k: 3.0, every=8) is None
 
 
-@pytest.mark.parametrize(
-    "show",
-    [
-        lambda k: measured(k * DT, [0.0, 0.0], at_s=0.3),
-        lambda k: measured(k * DT, [1.0 + 0.01 * (k % 2), 0.0], status=Status.SATURATED),
-    ],
-    ids=["the same old sample", "at the end of its range"],
-)
-def test_repeated_torque_samples_report_no_drive_fault(show):
+def test_repeated_torque_sample_reports_no_drive_fault():
     check, drive = UnresponsiveDrives(LIMITS), HealthyDrive(noise=0.01)
     assert ticks_until_named(check, drive.show, lambda k: 3.0, count=300) is None
     for k in range(300, 400):
-        assert check.problem(show(k)) is None
+        assert check.problem(measured(k * DT, [0.0, 0.0], at_s=0.3)) is None
         check.sent(k * DT, [3.0, 0.0])
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("noise_nm", [0.0, 0.01])
+@pytest.mark.parametrize(
+    ("joint_1", "joint_2", "named"),
+    [(1.0, 1.0, None), (-1.0, 1.0, "joint 1"), (1.0, 0.0, "joint 2"), (1.0, -1.0, "joint 2")],
+)
+def test_torque_at_the_end_of_its_range_is_a_bound(sign, noise_nm, joint_1, joint_2, named):
+    """Of drives that measure up to 5 N m, a saturated one hid a dead one and its own wrong sign."""
+    check, problem = UnresponsiveDrives(LIMITS), None
+    for k in range(600):
+        sent = min(15.0, 0.05 * k)
+        read = [min(sent, 5.0)] * 2 if k < 400 else [5.0 * joint_1, 5.0 * joint_2 + noise_nm * (k % 2)]
+        status = Status.SATURATED if sent >= 5.0 else Status.OK
+        problem = problem or check.problem(measured(k * DT, [sign * nm for nm in read], status=status))
+        check.sent(k * DT, [sign * sent] * 2)
+    assert named in problem.text if named else problem is None
 
 
 def test_without_commands_nothing_is_expected():
