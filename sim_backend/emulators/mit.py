@@ -307,13 +307,14 @@ class EmulatedRobstride(EmulatedMitMotor):
         self.parameters, self.timeout_s, self._fault_reports = {_RUN_MODE: 0, ROBSTRIDE_TIMEOUT: 0}, None, []
         self.error, self.enabled = 0, False
 
-    def report_faults(self, faults: int) -> None:
-        """Report fault bits without a request, with the next `send_unrequested`.
+    def report_faults(self, faults: int, warnings: int = 0) -> None:
+        """Report fault and warning bits without a request, with the next `send_unrequested`.
 
         Args:
             faults: bits.
+            warnings: bits.
         """
-        self._fault_reports.append(self._message(21, self.number, struct.pack("<II", faults, 0)))
+        self._fault_reports.append(self._message(21, self.number, struct.pack("<II", faults, warnings)))
 
     def _reply(self) -> can.Message:
         measured, limit_rad = self.measured, self._position_limit

@@ -229,6 +229,19 @@ def test_faults_are_named_even_without_a_state_bit(make_robot):
     assert arm.ticks(3).torque_status is Status.OK
 
 
+def test_warning_is_named_and_no_fault(make_robot):
+    arm = make_robot(ROBSTRIDE).start()
+    arm.motors[1].report_faults(0, 1 | 1 << 4)
+    assert arm.ticks(3, PUSH_NM).torque_status is Status.OK
+    assert "joint 2 (motor 2): warns: near over temperature, unknown fault, bit 36" in arm.problem
+    arm.robot.deactivate()
+    (second,) = (one for one in arm.robot.buses["motors"].examine() if "motor 2" in one.subject)
+    assert (second.level, "warns: near over temperature" in second.text) == (Level.WARN, True)
+    arm.motors[1].report_faults(0)
+    arm.ticks(3, None)
+    assert not arm.problem
+
+
 def test_no_torque_and_no_mode_before_activation(make_robot):
     arm = make_robot(MOTEUS)
     arm.robot.configure()

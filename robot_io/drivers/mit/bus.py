@@ -10,6 +10,7 @@ from palpate.robot_io.drivers.can.motors import ANSWER_S, ATTEMPTS, PolledMotorB
 from palpate.robot_io.drivers.joint_bus import joint_drivers
 from palpate.robot_io.drivers.mit.protocol import (
     TIMEOUT_STEP_S,
+    WARNING_BITS,
     MitRanges,
     MitState,
     MotorCommand,
@@ -17,7 +18,7 @@ from palpate.robot_io.drivers.mit.protocol import (
 )
 from palpate.robot_io.drivers.mit.settings import MitBusSettings
 from palpate.robot_io.errors import DeviceError, DeviceTimeoutError, ProtocolError
-from palpate.robot_io.examination import Finding, fail, ok
+from palpate.robot_io.examination import Finding, fail, ok, warn
 from palpate.robot_io.files.file_model import input_error
 
 _SAME_RANGE = 1e-3  # relative tolerance between a motor's own range and the stated one
@@ -55,7 +56,8 @@ class MitBus(PolledMotorBus[MitState]):
         self._check_position_ranges(context)
         answer_ids = {motor.motor_id: validated.answer_ids(motor) for motor in validated.motors}
         self._frames = validated.dialect.frames(validated.host, answer_ids)
-        self._alarms = [0] * len(validated.motors)  # errors reported without a request
+        # Errors and warnings that were reported without a request.
+        self._alarms, self._warnings = [0] * len(validated.motors), [0] * len(validated.motors)
         self._register_asked: tuple[int, MotorRegister] | None = None  # joint and register
         self._register_values: list[float] = []
 
@@ -94,7 +96,7 @@ class MitBus(PolledMotorBus[MitState]):
                 with suppress(ProtocolError):  # it is about another register
                     self._register_values.append(self._frames.register_value(frame, motor_id, register))
         elif (alarm := self._frames.alarm(frame)) is not None:
-            self._alarms[joint] = alarm
+            self._alarms[joint], self._warnings[joint] = alarm & ~WARNING_BITS, alarm & WARNING_BITS
         else:
             self._states[joint].append((self._frames.state(frame, self._ranges[joint]), at_s))
         return True
@@ -129,7 +131,8 @@ class MitBus(PolledMotorBus[MitState]):
     def _hint(self, joint: int) -> str:
         """See `MotorBus._hint`; from the end of its range on, a motor's turn is unknown."""
         if not self._has_left_range[joint]:
-            return ""
+            warnings = self._warnings[joint]
+            return f"warns: {self._error_names(warnings)}" if warnings else ""
         end_rad = self._ranges[joint].position_rad
         return f"was at the end of its range of {end_rad:.2f} rad: turn it back, then start again"
 
@@ -220,7 +223,12 @@ class MitBus(PolledMotorBus[MitState]):
             else:
                 value = f"answers, at {self._position_rad[joint]:+.3f} rad; does not report its model; "
                 value += f"the robot file states {motor.model}; CAN timeout {self._settings.watchdog_s:g} s, "
-                findings.append(ok(label, value + f"{evidence} at activation"))
+                value += f"{evidence} at activation"
+                if warnings := self._warnings[joint]:
+                    value = f"warns: {self._error_names(warnings)}; {value}"
+                    findings.append(warn(label, value, "let it cool down, or lower its load"))
+                else:
+                    findings.append(ok(label, value))
         return findings
 
     def tick_wire_s(self) -> float | None:

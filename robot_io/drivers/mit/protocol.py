@@ -212,7 +212,9 @@ class MitFrames:
         return self._HAS_REGISTERS and is_register
 
     def alarm(self, frame: CanFrame) -> int | None:
-        """Return the errors that a motor reports without a request; None if the frame reports none.
+        """Return errors and warnings that a motor reports without a request; None if the frame is another.
+
+        Warnings are the bits of `WARNING_BITS`.
 
         Args:
             frame: the received frame.
@@ -286,6 +288,7 @@ _RUNNING, _MODE_COUNT = 2, 3
 _ONLY_TORQUE_DATA = bytes((0x80, 0, 0x80, 0, 0, 0, 0, 0))  # as `_ONLY_TORQUE`; the torque is in the id
 _FOUR_WORDS = struct.Struct(">4H")  # position, velocity, torque, temperature
 FAULT_FRAME_BITS: Final = 8  # shift of the bits of a fault frame, above those of a state
+WARNING_BITS: Final = 0xFFFFFFFF << 32 + FAULT_FRAME_BITS  # its second half
 
 
 class RobstrideFrames(MitFrames):
@@ -333,7 +336,7 @@ class RobstrideFrames(MitFrames):
         if frame.can_id >> 24 != _FAULTS:
             return None
         expect_length(frame, "faults", 8)
-        return int.from_bytes(frame.data[:4], "little") << FAULT_FRAME_BITS
+        return int.from_bytes(frame.data, "little") << FAULT_FRAME_BITS
 
     def is_about_register(self, frame: CanFrame, motor_id: int) -> bool:
         return frame.can_id >> 24 == _READ

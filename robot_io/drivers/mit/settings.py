@@ -82,6 +82,7 @@ _ROBSTRIDE_FAULTS = {
     9: "position not initialized",
     14: "overload, stalled",
     16: "over current in phase A",
+    32: "near over temperature",  # a warning
 }
 
 DIALECTS = {
