@@ -12,6 +12,7 @@ from tests.wire.parts import CUBEMARS, DAMIAO, MOTEUS, ROBSTRIDE
 
 PUSH_NM = (3.0, -2.0, 1.0)
 TIMEOUT = 9  # a register of a Damiao motor
+ENTER = [("driver: mit_bus", "driver: mit_bus\n    ask_with: enter")]
 STATE, CONTROL, ANSWER, HOST = 2, 1, 17, 0xFD  # kinds of Robstride frames, and who is addressed
 
 
@@ -240,6 +241,36 @@ def test_warning_is_named_and_no_fault(make_robot):
     arm.motors[1].report_faults(0)
     arm.ticks(3, None)
     assert not arm.problem
+
+
+@pytest.mark.parametrize("when", ["before", "during a run"])
+def test_active_reports_in_the_form_of_answers_are_named(make_robot, when):
+    """Older firmware sends them as states (type 2): only two motors with one id were suspected."""
+    arm = make_robot(ROBSTRIDE)
+    motor = arm.motors[1]
+    report = lambda now_s: [motor._reply()]  # noqa: E731
+    if when == "before":
+        motor.send_unrequested = report
+        with pytest.raises(DeviceError, match=r"joint 2 \(motor 2\): .*, or does it report unasked \(switch"):
+            arm.robot.configure()
+        return
+    arm.start()
+    motor.send_unrequested = report
+    motor._zero_rad += 0.01
+    arm.ticks(20, PUSH_NM)
+    assert "does it report unasked" in arm.problem
+
+
+@pytest.mark.parametrize(("changes", "hinted"), [((), True), (ENTER, False)], ids=["exit", "enter"])
+def test_motor_that_may_answer_in_its_mode_only_is_hinted_at(make_robot, changes, hinted):
+    """By CubeMars' manual; the setting was named nowhere."""
+    arm = make_robot(CUBEMARS, changes)
+    arm.motors[1].receive = lambda *_: []
+    with pytest.raises(DeviceError, match=r"no answer in 0\.05 s from joint 2") as raised:
+        arm.robot.buses["motors"].configure()
+    findings = arm.robot.buses["motors"].examine()
+    (second,) = (one for one in findings if "motor 2" in one.subject)
+    assert ["'ask_with: enter'" in text for text in (str(raised.value), second.remedy)] == [hinted] * 2
 
 
 def test_no_torque_and_no_mode_before_activation(make_robot):

@@ -273,7 +273,6 @@ ATTEMPTS = 3  # requests to each motor, except in a run, since a frame may be lo
 _SECOND_ANSWER_S = 2e-3  # after this time, a second motor with the same id has answered too
 _LATEST_WATCHDOG = 1.5  # multiple of the watchdog's time by which it has fired
 _MARGIN_SHARE = 0.5  # variation of delays, as a share of a tick
-_TWO_MOTORS = "do two motors have this id?"
 _CONTRADICTIONS = 3  # consecutive polls with several states for one request that show two motors
 
 StateType = TypeVar("StateType")
@@ -333,6 +332,16 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
         """Return the error of a motor; 0 for none."""
         return self._errors[joint]
 
+    @property
+    def _two_motors(self) -> str:
+        """Return what explains more answers than requests, as a question."""
+        return "do two motors have this id?"
+
+    @property
+    def _silence_remedy(self) -> str:
+        """Return what may make silent motors answer, if anything special does."""
+        return ""
+
     # Common to all protocols.
 
     def motor_label(self, joint: int) -> str:
@@ -356,6 +365,8 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
         problem = f"no {'valid ' * any(refused)}answer in {ANSWER_S} s from {', '.join(names)}"
         if self._foreign_ids:
             problem += f"; received frames with the ids {self._list_foreign_ids}: {self._foreign_remedy}"
+        elif self._silence_remedy and not any(refused):
+            problem += f"; {self._silence_remedy}"
         raise DeviceError(f"{self.line.label}: {problem}")
 
     def _request_states(self, joints: Iterable[int]) -> None:
@@ -379,7 +390,7 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
     def _duplicate_ids(self) -> str:
         """Name the motors that have answered more often than they were asked; empty if there are none."""
         return "; ".join(
-            f"{self.motor_label(joint)}: answers more often than it is asked: {_TWO_MOTORS}"
+            f"{self.motor_label(joint)}: answers more often than it is asked: {self._two_motors}"
             for joint, count in enumerate(self._unrequested)
             if count
         )
@@ -432,7 +443,7 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
             self._unrequested[joint] += len(states) - len(requested)
             if len(requested) < len(states) and any(state != states[0][0] for state, _ in states):
                 self._newest[joint] = None
-                self._last_problem[joint] = f"more answers than requests: {_TWO_MOTORS}"
+                self._last_problem[joint] = f"more answers than requests: {self._two_motors}"
                 self._contradictions[joint] += 1
                 self._motion_is_wrong[joint] |= self._contradictions[joint] >= _CONTRADICTIONS
             elif requested:
@@ -448,7 +459,7 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
 
     def _fault(self, joint: int, now_s: float) -> str:
         if self._contradictions[joint] >= _CONTRADICTIONS:
-            return f"answers more often than it is asked, with different states: {_TWO_MOTORS}"
+            return f"answers more often than it is asked, with different states: {self._two_motors}"
         error = self._error(joint)
         return self._lost[joint] or (self._error_names(error) if error else "")
 

@@ -128,6 +128,18 @@ class MitBus(PolledMotorBus[MitState]):
         ids = ", ".join(f"0x{self._settings.answer_ids(motor)[0]:03X}" for motor in self._motors)
         return f"set the master id of each motor ({ids} according to the robot file), or state its answer_id"
 
+    @property
+    def _two_motors(self) -> str:
+        """See `PolledMotorBus._two_motors`."""
+        reports = ", or does it report unasked (switch its active reporting off)?"
+        return super()._two_motors.rstrip("?") + (reports if self._dialect.may_report else "?")
+
+    @property
+    def _silence_remedy(self) -> str:
+        """See `PolledMotorBus._silence_remedy`."""
+        may_need_mode = self._settings.ask_with == "exit" and not self._dialect.activation_registers
+        return "a motor that answers in motor mode only needs 'ask_with: enter'" * may_need_mode
+
     def _hint(self, joint: int) -> str:
         """See `MotorBus._hint`; from the end of its range on, a motor's turn is unknown."""
         if not self._has_left_range[joint]:
@@ -216,6 +228,7 @@ class MitBus(PolledMotorBus[MitState]):
             label, error = self.motor_label(joint), self._error(joint)
             if self._motion_at_s[joint] == -inf:
                 remedy = "check its power, cable and id, and its protocol"
+                remedy += f"; {self._silence_remedy}" if self._silence_remedy else ""
                 findings.append(fail(label, "does not answer", remedy))
             elif error:
                 remedy = "remove the cause, then restart it"

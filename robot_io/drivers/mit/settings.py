@@ -47,6 +47,8 @@ class MitProtocol:
     host_id: int = 0  # id under which motors answer, unless the robot file states another
     errors_are_bits: bool = False  # whether a state holds error bits instead of one error number
     has_answer_ids: bool = False  # whether each motor answers under its own id
+    # Whether a motor with active reporting sends states like answers (Robstride's firmware before type 24).
+    may_report: bool = False
     timeout_error: int | None = None  # number of the error "CAN timeout", which each activation clears
     # Registers of the ranges of position, velocity and torque, and of the position; read by `configure`.
     range_registers: tuple[MotorRegister, ...] = ()
@@ -156,6 +158,7 @@ DIALECTS = {
             **{1 << bit + FAULT_FRAME_BITS: name for bit, name in _ROBSTRIDE_FAULTS.items()},
         },
         errors_are_bits=True,
+        may_report=True,
         encoder_fault=1 << _ROBSTRIDE_STATE.index("encoder fault"),
         largest_id=127,
         host_id=0xFD,
