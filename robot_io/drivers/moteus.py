@@ -121,9 +121,12 @@ class MoteusState:
     fault: int  # a fault in mode FAULT, else what limits the torque; 0 is none
 
     @property
-    def is_known(self) -> bool:
-        """Whether the controller knows its position, velocity and torque."""
-        return isfinite(self.position_rev + self.velocity_rev_s + self.torque_nm)
+    def unknown(self) -> str:
+        """Which values the controller does not know; an empty string if it knows all."""
+        if isfinite(self.position_rev + self.velocity_rev_s + self.torque_nm):  # as in most ticks
+            return ""
+        values = {"position": self.position_rev, "speed": self.velocity_rev_s, "torque": self.torque_nm}
+        return ", ".join(f"its {name} is {value}" for name, value in values.items() if not isfinite(value))
 
     @property
     def error(self) -> int:
@@ -206,7 +209,7 @@ class MoteusBus(PolledMotorBus[MoteusState]):
                 raise self._motor_error(joint, _NO_REFERENCE)
             if self._motion_is_wrong[joint]:
                 error = self._errors[joint]
-                cause = self._error_names(error) if error else "its position, speed or torque is no number"
+                cause = self._error_names(error) if error else state.unknown if state else ""
                 raise self._motor_error(joint, f"does not know its position: {cause}")
 
     def _report(self) -> list[Finding]:
@@ -295,8 +298,8 @@ class MoteusBus(PolledMotorBus[MoteusState]):
     def _store_state(self, joint: int, state: MoteusState, requested_s: float) -> None:
         self._observed_states[joint] = state
         is_relative = state.home == RELATIVE
-        self._motion_is_wrong[joint] = is_relative or not state.is_known or state.error in ENCODER_FAULTS
-        if state.is_known:
+        self._motion_is_wrong[joint] = is_relative or bool(state.unknown) or state.error in ENCODER_FAULTS
+        if not state.unknown:
             self._store_motion(joint, tau * state.position_rev, tau * state.velocity_rev_s, requested_s)
             self._store_torque(joint, state.torque_nm, requested_s)
         self._motion_at_s[joint] = requested_s
@@ -309,6 +312,10 @@ class MoteusBus(PolledMotorBus[MoteusState]):
 
     def _error_names(self, error: int) -> str:
         return FAULTS.get(error, f"unknown fault {error}")
+
+    def _fault(self, joint: int, now_s: float) -> str:
+        state = self._observed_states[joint]
+        return super()._fault(joint, now_s) or (state.unknown if state else "")
 
     def _hint(self, joint: int) -> str:
         """See `MotorBus._hint`: a controller reports the cause of a reduced torque."""

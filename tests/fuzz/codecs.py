@@ -266,7 +266,7 @@ def is_wrong_moteus(data: bytes, _seen: bytes, accepted) -> bool:
     again = bytes((0x21, 0x00, accepted.mode % 256, 0x2F, 0x01)) + _FLOATS.pack(*floats)
     again += bytes((0x20, 0x04, 0x0C, *(value % 256 for value in rest)))
     finite = bool(np.isfinite(floats).all())
-    return (finite and again != data) or len(again) != len(data) or accepted.is_known != finite
+    return (finite and again != data) or len(again) != len(data) or bool(accepted.unknown) == finite
 
 
 _ODRIVE_STATES = {0, 1, 2, 3, 4, 6, 7, 8, 9, 10, 11, 12, 13, 14}

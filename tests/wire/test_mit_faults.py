@@ -337,6 +337,7 @@ def test_lost_position_is_a_fault(make_robot):
     arm = make_robot(MOTEUS).start()
     arm.motors[0].known = False
     assert arm.ticks(3).encoder_status is Status.FAULT
+    assert "joint 1 (motor 1): its position is nan" in arm.robot.bus_errors["motors"]
     before = arm.tick().torque_at_s
     assert arm.ticks(3).torque_at_s == before
 

@@ -72,7 +72,7 @@ AT_CONFIGURING = [  # robot file, its changes, the second motor or servo 3, what
         r"joint 2 .*: its mechPos is .* rad at the joint, but its messages report",
     ),
     (MOTEUS, (), has(home=0), "joint 2 .motor 2.: has no reference for its position"),
-    (MOTEUS, (), has(known=False), "motor 2.: does not know its position: its position, .* is no number"),
+    (MOTEUS, (), has(known=False), "motor 2.: does not know its position: its position is nan"),
     (SO101, (), lambda servo: servo.put(MODEL, 2825), "servo 3 .* number 2825, .* states STS3215-12V"),
     (SO101, (), lambda servo: servo.put(PHASE, 28, 1), "servo 3 counts over several turns: clear bit 4"),
     # 1.49 rad/s was read as 0.031, and one that was armed never moved.

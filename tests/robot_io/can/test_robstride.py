@@ -112,7 +112,7 @@ def test_answers_decode_like_the_vendor_library():
     state = moteus.decode_state(CanFrame(0x300, ANSWER, fd=True))
     assert (state.mode, state.position_rev, state.velocity_rev_s, state.torque_nm) == (10, 0.25, -1.5, 2.0)
     assert (state.home, state.supply_v, state.temperature_c, state.fault) == (2, 24.0, 31, 0)
-    assert state.is_known
+    assert not state.unknown
     assert not state.error
 
 
@@ -125,10 +125,17 @@ def test_answer_of_another_form_is_refused(place):
             moteus.decode_state(CanFrame(0x300, data, fd=True))
 
 
-@pytest.mark.parametrize("values", [(float("nan"), 0, 0), (0, float("inf"), 0), (0, 0, -float("inf"))])
-def test_nonfinite_values_are_ignored(values):
+@pytest.mark.parametrize(
+    ("values", "unknown"),
+    [
+        ((float("nan"), 0, 0), "its position is nan"),
+        ((0, float("inf"), 0), "its speed is inf"),
+        ((float("inf"), 0, -float("inf")), "its position is inf, its torque is -inf"),
+    ],
+)
+def test_nonfinite_values_are_named(values, unknown):
     data = ANSWER[:5] + struct.pack("<3f", *values) + ANSWER[17:]
-    assert not moteus.decode_state(CanFrame(0x300, data, fd=True)).is_known
+    assert moteus.decode_state(CanFrame(0x300, data, fd=True)).unknown == unknown
 
 
 @pytest.mark.parametrize(
