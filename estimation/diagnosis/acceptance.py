@@ -42,7 +42,11 @@ from palpate.estimation.effect import Effect
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_model import MeasurementModel, identify_measurement_model
 from palpate.estimation.fit.measurement_noise import measurement_noise
-from palpate.estimation.fit.smoothing_bias import is_below_cutoff, looks_like_smoothing
+from palpate.estimation.fit.smoothing_bias import (
+    is_below_cutoff,
+    is_in_smoothed_effort,
+    looks_like_smoothing,
+)
 from palpate.estimation.kinds import PHYSICAL_KINDS, SENSOR_KINDS, Kind
 from palpate.estimation.signals.motion import is_stepwise_command
 from palpate.robot_io.types import FloatArray
@@ -614,7 +618,10 @@ def is_smoothing(reduced: FitResult, fit: FitResult) -> bool:
         error = smoothing_error(reduced, identify_measurement_model(reduced.training))
         if fall <= (SMOOTHING_TIMES * error) ** 2:
             return True
-    return looks_like_smoothing(problem, problem.blocked.effort - before, before - after, fit.filters)
+    change = before - after
+    return looks_like_smoothing(
+        problem, problem.blocked.effort - before, change, fit.filters
+    ) or not is_in_smoothed_effort(problem, reduced.solution, change, fit.filters)
 
 
 def _is_rounding(search: Search, fit: FitResult, name: str) -> bool:

@@ -18,6 +18,7 @@ from palpate.robot_io.types import FloatArray, IntArray
 
 _MOST_TIMES = 3.0  # largest plausible multiple of the expected smoothing bias
 _MOST_UNLIKE = 0.2  # largest share of a change that smoothing cannot describe, if it may cause the change
+_CONTAINED = 0.5  # least part of a change that a smoothed effort contains, unless smoothing causes the change
 _PASSES = 4  # number of times that a residual is smoothed before its slow part remains
 _MOSTLY = 0.5  # share of the fall of the squared residual
 _POWERS = 3  # powers of the smoothing operator, a series that approximates its inverse
@@ -77,6 +78,37 @@ def looks_like_smoothing(
     gains = np.asarray(np.linalg.lstsq(bias, change, rcond=None)[0], dtype=np.float64)
     is_like = np.sum((change - bias @ gains) ** 2) <= _MOST_UNLIKE * np.sum(change**2)
     return bool(is_like) and _is_plausible_bias(bias, gains)
+
+
+def is_in_smoothed_effort(
+    problem: FitProblem, solution: Solution, change: FloatArray, filters: DifferentiationFilter
+) -> bool:
+    """Return whether an effort that is smoothed like the motion still contains a change of the prediction.
+
+    If the filters of the motion cause the change, the model without it describes the smoothed effort. The
+    corners of an effort beside the rounded corners of an acceleration look like a saturation, for example.
+
+    Args:
+        problem: data on m blocks.
+        solution: the model without the change.
+        change: change of the predicted effort, shape (m,) [effort].
+        filters: the windows that derived velocity and acceleration.
+    """
+    blocked, used = problem.blocked, problem.used
+
+    def smooth(signal: FloatArray) -> FloatArray:
+        for half, order in filters[1] or filters[0]:
+            signal = _convolve(signal, smoothing_kernel(half, order, blocked.rows.shape[1]), blocked.run)
+        return signal
+
+    # Both sides are smoothed once more, since the noise of a derived acceleration resembles its corners.
+    left = smooth(smooth(blocked.effort) - (blocked.effort - solution.residual))
+    lengths = np.maximum(np.linalg.norm(solution.columns, axis=0), 1e-300)
+    columns = np.array([smooth(column)[used] for column in (solution.columns / lengths).T])
+    columns = columns.reshape(-1, int(used.sum())).T  # also of a model without gains
+    added = smooth(change)
+    beyond_model = added[used] - columns @ np.linalg.lstsq(columns, added[used], rcond=None)[0]
+    return bool(left[used] @ beyond_model >= _CONTAINED * (smooth(added)[used] @ beyond_model))
 
 
 def is_below_cutoff(

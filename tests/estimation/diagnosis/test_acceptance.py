@@ -10,6 +10,8 @@ import pytest
 from scipy.signal import lfilter
 
 from palpate.estimation.budget import BudgetEntry
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.diagnosis import acceptance as module
 from palpate.estimation.diagnosis.acceptance import (
     FormCriteria,
@@ -28,7 +30,7 @@ from palpate.estimation.diagnosis.completeness import Completeness
 from palpate.estimation.diagnosis.forms import analyze_kinds, form_tests
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.kinds import Kind
-from tests.estimation.searches import measured, reached, searched
+from tests.estimation.searches import ROTOR, measured, reached, searched
 from tests.estimation.swings import coarse_swings as swings
 from tests.estimation.swings import one_way_turns
 
@@ -459,3 +461,28 @@ def test_alternative_explains_nineteen_twentieths_of_an_effect():
     without, fit = (SimpleNamespace(solution=SimpleNamespace(held_out=error)) for error in (10.0, 2.0))
     search = SimpleNamespace(without=lambda *_: without, alternatives=lambda *_: [])
     assert module._alternatives(search, fit, "bias", 1) == (pytest.approx(2.4), [])
+
+
+def torque_pulses(limit_nm, least):
+    """A joint with pulses of acceleration, from `least` to 6 rad/s^2, and a sensor with a limit."""
+    rng, fine, step_s, runs = np.random.default_rng(0), 8, 5e-4, []
+    for _ in range(3):
+        pairs = zip(rng.uniform(0.2, 0.3, 8), rng.uniform(least, 6.0, 8), strict=True)
+        pulses = [np.repeat([a, -a], int(s / step_s)) for s, a in pairs]
+        a = np.convolve(np.concatenate([np.zeros(400), *pulses])[:6400], np.full(100, 0.01), "same")
+        runs.append(np.stack([a, v := np.cumsum(a) * step_s, np.cumsum(v) * step_s])[:, ::fine])
+    a, v, q = np.concatenate(runs, axis=1)
+    run, time_s = np.repeat(np.arange(3), len(q) // 3), step_s * fine * np.arange(len(q))
+    torque = np.clip(0.05 * a + 0.01 * v, -limit_nm, limit_nm) + rng.normal(0.0, 0.005, len(q))
+    q = q + rng.normal(0.0, 1e-3, len(q))
+    made = differentiate(time_s, q, run)
+    motion = q, made.velocity, made.acceleration
+    return ChannelData("joint_1", ChannelKind.REVOLUTE, time_s, *motion, torque, run, np.full(len(q), -1))
+
+
+@pytest.mark.parametrize(
+    ("limit_nm", "least", "smoothing"), [(np.inf, 6.0, True), (np.inf, 3.0, True), (0.2, 3.0, False)]
+)
+def test_plateau_of_the_acceleration_is_no_saturation(limit_nm, least, smoothing):
+    search = searched(torque_pulses(limit_nm, least), "saturation", base=ROTOR)
+    assert module.is_smoothing(search.start, reached(search, "saturation")) is smoothing
