@@ -219,8 +219,9 @@ class JointSpring(AdditiveEffect):
             return self.physics
         return (
             "The stiffness is negative, so this is not a passive spring. A raised weight pushes a joint away "
-            "from one position. The command of a position controller, Kp (setpoint - q), looks the same if "
-            "it is recorded as the effort."
+            "from one position. A spring looks the same if the effort or the position was recorded with the "
+            "opposite sign, and so does the command of a position controller, Kp (setpoint - q), if it is "
+            "recorded as the effort."
         )
 
 
