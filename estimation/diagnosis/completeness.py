@@ -13,7 +13,12 @@ from palpate.estimation.diagnosis.bootstrap import (
     lack_of_fit_test,
     smoothing_error,
 )
-from palpate.estimation.diagnosis.residual_checks import ResidualFinding, check_residuals, find_rare_events
+from palpate.estimation.diagnosis.residual_checks import (
+    ResidualFinding,
+    check_residuals,
+    find_excess_error,
+    find_rare_events,
+)
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_model import identify_measurement_model
 from palpate.estimation.fit.measurement_noise import measurement_noise
@@ -93,7 +98,11 @@ class Completeness:
         complete = self.leaves_noise(fit)
         finding = check_residuals(fit, self.measurement, self._rng, complete=complete)
         if finding is None and complete:
-            finding = find_rare_events(fit, self._noise)
+            by_motion = np.hypot(
+                SMOOTHING_TIMES * smoothing_error(fit, self.measurement),
+                encoder_step_error(fit, self.measurement),
+            )
+            finding = find_rare_events(fit, self._noise) or find_excess_error(fit, self._noise, by_motion)
         return finding
 
     def _leaves_noise(self, fit: FitResult) -> bool:

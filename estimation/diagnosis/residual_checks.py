@@ -15,7 +15,7 @@ from palpate.estimation.budget.laws import periodic_columns
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.diagnosis.bootstrap import bootstrap_samples, sequential_test
-from palpate.estimation.estimate import with_unit
+from palpate.estimation.estimate import rounded, with_unit
 from palpate.estimation.fit.blocks import BlockedData, is_moving
 from palpate.estimation.fit.fit_problem import held_out_residual, rmse
 from palpate.estimation.fit.fit_result import FitResult
@@ -215,6 +215,25 @@ def find_rare_events(end: FitResult, noise: MeasurementNoise) -> ResidualFinding
         f"{100 * _FEW:.0f} % of the samples hold {100 * share:.0f} % of the squared error, as after "
         "impacts, a breakaway or lost readings; look at the effort at these times",
         RARE_EVENTS,
+    )
+
+
+def find_excess_error(end: FitResult, noise: MeasurementNoise, by_motion: float) -> ResidualFinding | None:
+    """Report an error far above a measured noise that no other check finds; None without one.
+
+    Slow noise may be missing from a noise that was estimated from neighboring readings.
+
+    Args:
+        end: a model that no flexible regression improves.
+        noise: noise level of the channel.
+        by_motion: error that smoothing and encoder steps of the motion may cause in addition [effort].
+    """
+    if noise.is_bound or end.rmse <= np.hypot(_EXCESS_OF_WHITE * noise.value, by_motion):
+        return None
+    return ResidualFinding(
+        f"the residual is {rounded(end.rmse / noise.value, 2)} times the noise, and no signal of the data "
+        "explains it",
+        "time",
     )
 
 

@@ -6,13 +6,14 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
+from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.diagnosis import completeness
 from palpate.estimation.diagnosis.completeness import Completeness
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.fit.measurement_noise import measurement_noise
 from palpate.estimation.study.comparison import compare
 from tests.estimation.contact_data import channel, swing
-from tests.estimation.searches import PRESS
+from tests.estimation.searches import PRESS, SWING
 from tests.estimation.swings import swings
 
 
@@ -110,3 +111,27 @@ def test_comparison_finds_nothing_missing_in_errors_of_a_coarse_encoder(k3, fits
     assert compared.fits is compared.is_complete is fits
     assert bool(compared.kinds) is not fits
     assert ("show a missing effect: the noise may be larger" in compared.words[0]) is fits
+
+
+def moves_and_rests(seed, held_nm):
+    """A pendulum that moves and rests in turn, at each rest with another torque that friction holds."""
+    rng, at, moves = np.random.default_rng(seed), np.linspace(0.0, 1.0, 100), 120
+    angle = rng.uniform(-1.0, 1.0, moves + 1)
+    move = angle[:-1, None] + np.diff(angle)[:, None] * (10 * at**3 - 15 * at**4 + 6 * at**5)
+    q = np.hstack([move, np.repeat(move[:, -1:], 50, axis=1)]).ravel()
+    held = held_nm * rng.standard_normal((moves, 1)) * (np.arange(150) >= 100)
+    time_s, run = 0.01 * np.arange(len(q)), np.arange(len(q)) // (len(q) // 3)
+    v = np.gradient(q, time_s)
+    a = np.gradient(v, time_s)
+    torque = 0.05 * a + 2.0 * np.sin(q) + 0.15 * v + held.ravel() + rng.normal(0.0, 0.02, len(q))
+    return ChannelData("joint_1", ChannelKind.REVOLUTE, time_s, q, v, a, torque, run, np.full(len(q), -1))
+
+
+@pytest.mark.parametrize(("held_nm", "complete"), [(0.0, True), (0.05, True), (0.3, False)])
+def test_error_far_above_the_noise_is_not_complete_even_if_no_signal_explains_it(held_nm, complete):
+    fit = fit_model(moves_and_rests(1, held_nm), SWING, {})
+    judge = Completeness(fit, np.random.default_rng(0))
+    assert judge.leaves_noise(fit)
+    assert judge.is_complete(fit) is complete
+    if not complete:
+        assert "times the noise, and no signal of the data explains it" in judge.residual_finding(fit).reason
