@@ -33,7 +33,7 @@ from palpate.estimation.data.units import (
 )
 from palpate.estimation.signals.arm_signals import ARM_MOTION, PAYLOAD, REGRESSOR, TORQUE
 from palpate.estimation.signals.blocks import blocks, number_pieces
-from palpate.estimation.signals.runwise import sample_time
+from palpate.estimation.signals.runwise import sample_time, shift
 from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
@@ -56,6 +56,9 @@ _SAME_RATIO = 0.05  # largest relative deviation of a wrong unit from a known on
 _MOTOR_WORDS, _JOINT_WORDS = frozenset(["motor", "rotor"]), frozenset(["joint", "output", "link"])
 _JOINT_KINDS = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
 _CONTRADICTING_INERTIA = 0.1  # variance that a positive inertia explains, relative to a negative damping's
+# Delays of an effort that are tried in place of a reversed sign, and the largest error with such a delay,
+# relative to the error without one.
+_LONGEST_DELAY_S, _DELAYS, _MUCH_BETTER = 0.3, 12, 0.5
 _CERTAIN_SIGN = 0.5  # absolute correlation of effort and velocity above which the effort's sign is certain
 
 
@@ -455,11 +458,7 @@ def _reverse_reactions(
     All joints of a file are reversed if the sign is certain for some and contradicted by none. A unit with a
     number, such as 1Nm, prevents the reversal.
     """
-    power = {
-        channel.name: _passive_power(channel.position, channel.velocity, channel.acceleration, channel.effort)
-        for channel in channels
-        if channel.kind in _JOINT_KINDS
-    }
+    power = {channel.name: _passive_power(channel) for channel in channels if channel.kind in _JOINT_KINDS}
     if min(power.values(), default=0.0) > -_CERTAIN_SIGN:
         return list(channels)
     is_mixed = max(power.values()) > _CERTAIN_SIGN
@@ -482,27 +481,41 @@ def _reverse_reactions(
     return [replace(c, effort=-c.effort) if c.name in reversed_efforts else c for c in channels]
 
 
-def _passive_power(
-    position: FloatArray, velocity: FloatArray, acceleration: FloatArray, effort: FloatArray
-) -> float:
+def _passive_power(channel: ChannelData) -> float:
     """Correlate a joint's velocity with the part of its effort that position and inertia do not explain.
 
     A joint dissipates the energy of its drive. The correlation is therefore positive for the effort of the
     drive, and negative for the reaction to it. In a reaction the inertia is negative as well. The correlation
-    is set to zero (uncertain sign) if the fitted damping is negative, the fitted inertia is positive, and the
-    inertia explains more than a small share of what the damping explains. The effort is then early or late,
-    or a gap delays it.
+    is set to zero (uncertain sign) if the fitted damping is negative, but the fitted inertia is positive and
+    explains more than a small share of what the damping explains. The effort is then early or late, or a gap
+    delays it. If an earlier effort is explained much better, the inertia and damping of this effort count.
 
     Source: J. C. Willems, Arch. Rational Mech. Anal. 45 (1972), dissipative systems.
     """
-    scaled_position = (position - position.mean()) / (float(np.ptp(position)) or 1.0)
-    columns = np.column_stack([scaled_position**power for power in range(4)])
-    signals = np.column_stack([effort, velocity, acceleration])
-    effort, velocity, acceleration = (signals - columns @ np.linalg.lstsq(columns, signals, rcond=None)[0]).T
+    place = channel.position - channel.position.mean()
+    law = np.column_stack([(place / (float(np.ptp(place)) or 1.0)) ** power for power in range(4)])
+
+    def beside_position(signal: FloatArray) -> FloatArray:
+        return np.asarray(signal - law @ np.linalg.lstsq(law, signal, rcond=None)[0])
+
+    velocity, acceleration = map(beside_position, (channel.velocity, channel.acceleration))
     motion = np.column_stack([velocity, acceleration])
-    damping, inertia = np.linalg.lstsq(motion, effort, rcond=None)[0] * motion.std(axis=0)
-    if damping < 0.0 < inertia and inertia**2 > _CONTRADICTING_INERTIA * damping**2:
-        return 0.0
+
+    def fit(effort: FloatArray) -> tuple[float, float, float]:
+        """Return the effort of damping and of inertia, and the mean squared error."""
+        gains = np.linalg.lstsq(motion, effort, rcond=None)[0]
+        damping, inertia = (gains * motion.std(axis=0)).tolist()
+        return damping, inertia, float(np.mean((effort - motion @ gains) ** 2))
+
+    effort = beside_position(channel.effort)
+    damping, inertia, error = fit(effort)
+    if damping < 0.0:
+        step_s, best = sample_time(channel.time_s, channel.run), (damping, inertia, _MUCH_BETTER * error)
+        for delay_s in np.geomspace(step_s, max(_LONGEST_DELAY_S, step_s), _DELAYS).tolist():
+            earlier = shift(channel.effort, channel.time_s, channel.run, -delay_s)
+            best = min(best, fit(beside_position(earlier)), key=lambda fitted: fitted[2])
+        if best[1] > 0.0 and (best[0] > 0.0 or best[1] ** 2 > _CONTRADICTING_INERTIA * best[0] ** 2):
+            return 0.0
     without_inertia = effort - inertia / (acceleration.std() or 1.0) * acceleration
     return correlation_coefficient(velocity, without_inertia)
 

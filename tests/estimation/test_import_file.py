@@ -8,6 +8,7 @@ import pyarrow.parquet
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter1d
 
 from palpate.control.loop.task import Phase
 from palpate.estimation.channel import ChannelKind
@@ -446,6 +447,19 @@ def test_time_shifted_torque_is_no_reaction(tmp_path, early, inertia):
     """An inertia's effort ahead of its motion, and a spring's behind it, look like a negative damping."""
     imported = read_swing(tmp_path, sign=1.0, friction=0.0, early=early, inertia=inertia)
     assert not any("opposes" in note for note in imported.notes)
+
+
+@pytest.mark.parametrize(("sign", "late"), [(1.0, 20), (1.0, 30), (-1.0, 0)])
+def test_late_weight_of_a_joint_in_ramps_is_no_reaction(tmp_path, sign, late):
+    """The delayed weight is like a negative damping, and the inertia acts when the delayed one does not."""
+    t = np.arange(4000) * 0.005
+    q = gaussian_filter1d(0.4 * np.arcsin(np.sin(0.8 * t + 0.3 * np.sin(0.5 * t))), 5.0)
+    v = np.gradient(q, t)
+    torque = 0.05 * np.gradient(v, t) + 3.0 * np.sin(q) + 0.05 * v
+    reading = sign * np.roll(torque, late) + np.random.default_rng(0).normal(0.0, 0.002, len(t))
+    table = {"time_s": t, "position_rad": q, "torque_Nm": reading}
+    imported = import_file(write_csv(tmp_path / "ramps.csv", table))
+    assert any("opposes" in note for note in imported.notes) is (sign < 0.0)
 
 
 def test_joint_with_a_clear_sign_decides_for_the_others(tmp_path):
