@@ -19,7 +19,6 @@ Gauss-Newton, each joint weighted with its own residual; the covariance allows f
 (palpate.estimation.statistics). Friction: Armstrong-Helouvry et al., Automatica 30 (1994).
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -207,10 +206,25 @@ def implausible_arm(fit: ArmFit, *, gains_are_applied: bool) -> list[str]:
     reasons: list[str] = []
     for joint, gain in enumerate(fit.gain.value.tolist()):
         std_err = float(fit.gain.std_err[joint]) if gains_are_applied else 0.0
-        found = [
-            _implausible_gain(gain, std_err),
-            *_implausible_torque(fit.measured_nm[:, joint], fit.residual_nm[:, joint]),
-        ]
+        found = [_implausible_gain(gain, std_err)]
+        is_moving = np.isfinite(fit.residual_nm[:, joint])
+        measured_nm, residual_nm = (x[is_moving, joint] for x in (fit.measured_nm, fit.residual_nm))
+        fitted_nm, rms_nm = measured_nm - residual_nm, float(np.sqrt(np.mean(residual_nm**2)))
+        if rms_nm > _MAX_REL_RESIDUAL * measured_nm.std():
+            found.append(
+                f"the residual of its torque is {rms_nm:.2g} N m (rms), "
+                f"{100 * rms_nm / measured_nm.std():.2g} % of its variation (at most "
+                f"{100 * _MAX_REL_RESIDUAL:g} % is plausible): the torques of two joints are swapped, or the "
+                "URDF describes another arm"
+            )
+        for extreme_nm in (measured_nm.min(), measured_nm.max()):
+            held_nm = fitted_nm[np.isclose(measured_nm, extreme_nm, rtol=1e-9, atol=0.0)]
+            if len(held_nm) > 1 and np.ptp(held_nm) > _SATURATED_SHARE * np.ptp(fitted_nm):
+                found.append(
+                    f"its measured torque stays at {extreme_nm:.3g} N m while the model changes by "
+                    f"{np.ptp(held_nm):.2g} N m: the signal is saturated; give it a larger range, or reduce "
+                    "limits.torque_nm"
+                )
         reasons += [f"joint {joint + 1}: {reason}" for reason in found if reason]
     low, high = USABLE_GAINS
     if gains_are_applied and np.any((fit.gain.value < low) | (fit.gain.value > high)):
@@ -237,29 +251,6 @@ def _implausible_gain(gain: float, std_err: float) -> str:
             "jumps, and that the URDF describes this arm"
         )
     return ""
-
-
-def _implausible_torque(measured_nm: FloatArray, residual_nm: FloatArray) -> Iterator[str]:
-    """Yield what is implausible in one joint's measured torque and its residual, shape (m,) each."""
-    is_moving = np.isfinite(residual_nm)
-    measured_nm, residual_nm = measured_nm[is_moving], residual_nm[is_moving]
-    fitted_nm = measured_nm - residual_nm
-    rms_nm = float(np.sqrt(np.mean(residual_nm**2)))
-    if rms_nm > _MAX_REL_RESIDUAL * measured_nm.std():
-        yield (
-            f"the residual of its torque is {rms_nm:.2g} N m (rms), "
-            f"{100 * rms_nm / measured_nm.std():.2g} % of its variation (at most "
-            f"{100 * _MAX_REL_RESIDUAL:g} % is plausible): the torques of two joints are swapped, or the "
-            "URDF describes another arm"
-        )
-    for extreme_nm in (measured_nm.min(), measured_nm.max()):
-        held_nm = fitted_nm[np.isclose(measured_nm, extreme_nm, rtol=1e-9, atol=0.0)]
-        if len(held_nm) > 1 and np.ptp(held_nm) > _SATURATED_SHARE * np.ptp(fitted_nm):
-            yield (
-                f"its measured torque stays at {extreme_nm:.3g} N m while the model changes by "
-                f"{np.ptp(held_nm):.2g} N m: the signal is saturated; give it a larger range, or reduce "
-                "limits.torque_nm"
-            )
 
 
 class _Solver:

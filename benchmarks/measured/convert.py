@@ -30,6 +30,7 @@ from typing import Any
 import numpy as np
 import python_calamine
 import yaml
+from nptdms import TdmsFile
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.io import loadmat
@@ -445,74 +446,16 @@ def read_binary(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     return [{"0": numbers.astype(np.float64)}]
 
 
-_TDMS_NUMBERS = dict(enumerate(["<i1", "<i2", "<i4", "<i8", "<u1", "<u2", "<u4", "<u8", "<f4", "<f8"], 1))
-_TDMS_NUMBERS |= {25: "<f4", 26: "<f8", 33: "<u1"}  # with a unit, and truth values
-_TDMS_TEXT, _TDMS_TIME = 32, 68  # of properties; a time has 16 bytes
-
-
-def _tdms_text(content: bytes, at: int) -> tuple[str, int]:
-    """Return a text of a TDMS file and the index after it."""
-    start = at + 4
-    end = start + int(struct.unpack_from("<I", content, at)[0])
-    return content[start:end].decode("utf-8", "replace"), end
-
-
-def _tdms_objects(content: bytes, at: int) -> Iterator[tuple[str, tuple[str, int] | None]]:
-    """Yield the path of each object of a segment, with type and number of its values if they are stated."""
-    (count,) = struct.unpack_from("<I", content, at)
-    at += 4
-    for _ in range(count):
-        path, at = _tdms_text(content, at)
-        (length,) = struct.unpack_from("<I", content, at)
-        index = None
-        if length not in (0, 0xFFFFFFFF):  # the values are those of the segment before, or there are none
-            kind, _, values = struct.unpack_from("<IIQ", content, at + 4)
-            index = _TDMS_NUMBERS[kind], int(values)
-            at += length - 4
-        (properties,) = struct.unpack_from("<I", content, at + 4)
-        at += 8
-        for _ in range(properties):
-            _, at = _tdms_text(content, at)
-            (kind,) = struct.unpack_from("<I", content, at)
-            if kind == _TDMS_TEXT:
-                at = _tdms_text(content, at + 4)[1]
-            else:
-                at += 4 + (16 if kind == _TDMS_TIME else np.dtype(_TDMS_NUMBERS[kind]).itemsize)
-        yield path, index or (("", 0) if length == 0xFFFFFFFF else None)
-
-
 def read_tdms(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
-    """Read the channels of a TDMS file of LabVIEW: a table for each group, sorted by name.
+    """Read the channels of a TDMS file of LabVIEW as they are stored: a table for each group, sorted by name.
 
-    Its channels hold numbers, one channel after the other in each segment. Options: `groups`: pattern of the
-    names of the groups (default: all).
+    Options: `groups`: pattern of the names of the groups (default: all).
     """
-    values: dict[str, list[NDArray[np.float64]]] = {}
-    index: dict[str, tuple[str, int]] = {}
-    order: list[str] = []
-    at = 0
-    while at < len(content):
-        contents, _, length, ahead = struct.unpack_from("<IIQQ", content, at + 4)
-        start, end = at + 28, at + 28 + length
-        if contents & 2:  # it has a list of objects, which replaces the one before if 4 is set
-            order = [] if contents & 4 else order
-            for path, said in _tdms_objects(content, start):
-                index[path] = said or index[path]
-                order = order if path in order else [*order, path]
-        row = sum(np.dtype(index[path][0]).itemsize * index[path][1] for path in order if index[path][1])
-        at = start + ahead
-        while row and at + row <= end:
-            for path in (path for path in order if index[path][1]):
-                kind, count = index[path]
-                numbers = np.frombuffer(content, kind, count, at)
-                values.setdefault(path, []).append(numbers.astype(np.float64))
-                at += numbers.nbytes
-        at = end
-    tables: dict[str, dict[str, NDArray[np.float64]]] = {}
-    for path, parts in values.items():
-        group, channel = re.findall(r"'((?:[^']|'')*)'", path)
-        tables.setdefault(group.strip(), {})[channel] = np.concatenate(parts)
-    return [tables[group] for group in sorted(fnmatch.filter(tables, options.get("groups", "*")))]
+    groups = {group.name.strip(): group for group in TdmsFile.read(io.BytesIO(content)).groups()}
+    return [
+        {each.name: np.asarray(each.raw_data, np.float64) for each in groups[name].channels() if len(each)}
+        for name in sorted(fnmatch.filter(groups, options.get("groups", "*")))
+    ]
 
 
 def read_quoted(content: bytes, options: Mapping[str, Any]) -> list[Columns]:

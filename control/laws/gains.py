@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from palpate.robot_io.files.file_model import FileModel, NotNegative, Positive, rename_key, validate
+from palpate.robot_io.files.file_model import FileModel, NotNegative, Positive, validate
 from palpate.robot_io.robot_file import RobotFile
 
 Share = Annotated[NotNegative, Field(le=1.0)]
@@ -80,11 +80,6 @@ class Gains(FileModel):
     touch: TouchGains = TouchGains()
     contact: ContactGains = ContactGains()
     disturbance_observer: DisturbanceObserverGains = DisturbanceObserverGains()
-
-    @model_validator(mode="before")
-    @classmethod
-    def _accept_former_key(cls, data: object) -> object:
-        return rename_key(data, "witness", "disturbance_observer")
 
 
 def gains_of(robot_file: RobotFile) -> Gains:

@@ -171,17 +171,6 @@ def _kind_of(value: object) -> str:
     return f"numbers of shape {array.shape}" if array.ndim else "one number"
 
 
-def _scope_signals(scope: Mapping[str, Any]) -> list[tuple[str, Any]]:
-    """Return time and signals of a "structure with time" of Simulink, named by the labels of the signals."""
-    signals = scope["signals"] if isinstance(scope["signals"], list | np.ndarray) else [scope["signals"]]
-    named = [("time", scope["time"])]
-    for number, signal in enumerate(filter(lambda part: isinstance(part, Mapping), signals), 1):
-        label = signal.get("label", "")
-        name = " ".join(label.split())[:_MAX_LABEL] if isinstance(label, str) else ""
-        named.append((name or f"signal {number}", signal.get("values")))
-    return named
-
-
 def _struct_runs(items: Mapping[str, Any]) -> list[tuple[str, dict[str, NDArray[Any]]]]:
     """Return the groups with the same columns, which are runs, by label; empty if there are none.
 
@@ -227,8 +216,14 @@ def _nested_vectors(group: Mapping[str, Any], depth: float = math.inf) -> dict[s
     items: list[tuple[tuple[str, ...], Any]] = [((str(key),), part) for key, part in group.items()]
     for path, part in items:  # grows by the items of inner groups
         if isinstance(part, Mapping) and len(path) <= depth:
-            is_scope = {"time", "signals"} <= set(part)
-            inner = _scope_signals(part) if is_scope else part.items()
+            inner = list(part.items())
+            if {"time", "signals"} <= set(part):  # a "structure with time" of Simulink, with labels as names
+                parts, inner = part["signals"], [("time", part["time"])]
+                signals = (s for s in (parts if isinstance(parts, list | np.ndarray) else [parts]))
+                for number, signal in enumerate((s for s in signals if isinstance(s, Mapping)), 1):
+                    label = signal.get("label", "")
+                    name = " ".join(label.split())[:_MAX_LABEL] if isinstance(label, str) else ""
+                    inner.append((name or f"signal {number}", signal.get("values")))
             items += [((*path, str(key)), value) for key, value in inner]
     inner_names = Counter(path[-1] for path, _ in items if len(path) > 1)
     names: dict[tuple[str, ...], str] = {}

@@ -11,7 +11,7 @@ from palpate.estimation.data.column_names import DISPLACEMENT, FORCE, RUN, TIME
 from palpate.estimation.data.even_clock import spread_packets
 from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.measured_derivatives import mistaken_scale
-from palpate.estimation.data.presses import cut_into, cut_presses, number_recordings
+from palpate.estimation.data.presses import cut_into, cut_presses
 from palpate.estimation.data.table import Table
 from palpate.estimation.data.units import MIN_INCREASE_S, dimension_of, si_factor
 from palpate.estimation.signals.blocks import blocks, since_start
@@ -170,7 +170,11 @@ def _detect_runs(
     """Detect runs, which begin at restarts of the clock and between presses, with a note on the method."""
     place = f"{columns.table.path}: --runs {count}"
     is_contact = DISPLACEMENT in columns and FORCE in columns and not columns.two_sided
-    recording = number_recordings(time_s)
+    goes_back = np.diff(time_s, prepend=time_s[:1]) < 0.0
+    step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
+    returns_to_start = np.abs(time_s[goes_back] - time_s[0]) <= 2.0 * max(step_s, 0.0)
+    is_start = goes_back & bool(returns_to_start.all())
+    recording = np.cumsum(is_start, dtype=np.int64)  # restarts of a clock begin recordings
     restarts = int(recording[-1])
     run, presses = recording, 1
     if count is not None and not is_contact:

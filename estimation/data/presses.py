@@ -46,18 +46,6 @@ def _force_levels(force: FloatArray, displacement: FloatArray) -> _ForceLevels:
     )
 
 
-def number_recordings(time_s: FloatArray) -> IntArray:
-    """Number the recordings that begin at restarts of a clock, shape (n,); all 0 without a restart.
-
-    Args:
-        time_s: times in the order of the file, shape (n,) [s].
-    """
-    goes_back = np.diff(time_s, prepend=time_s[:1]) < 0.0
-    step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
-    returns_to_start = np.abs(time_s[goes_back] - time_s[0]) <= 2.0 * max(step_s, 0.0)
-    return np.cumsum(goes_back & bool(returns_to_start.all()))
-
-
 def cut_presses(
     force: FloatArray, displacement: FloatArray, piece: IntArray, time_s: FloatArray
 ) -> tuple[IntArray, int]:

@@ -156,24 +156,20 @@ class Table(FileColumns):
                 fault = describe_fault(number_of(excerpt), len(bad))
                 remedy = _remedy(excerpt, whole=len(bad) == len(values))
                 raise InputError(f"{self.place(bad[0], name)}: {excerpt!r} is {fault}; {remedy}")
-            if is_text(self._column(name).type):
-                self._check_thousands(name, values)
+            if is_text(self._column(name).type):  # "1.000" after "999" may be read a thousand times too small
+                trimmed = pc.utf8_trim_whitespace(self._column(name))
+                marked = np.asarray(pc.match_substring(trimmed, self.decimal).fill_null(False))
+                unmarked = np.where(marked, 0.0, np.abs(values))
+                cells = (str(trimmed[row]) for row in np.flatnonzero(marked).tolist())
+                if ambiguity := thousands_ambiguity(cells, float(unmarked.max(initial=0.0)), self.decimal):
+                    whole = trimmed[int(np.argmax(unmarked >= MIN_UNMARKED))]
+                    raise InputError(
+                        f"{self.place(np.argmax(marked), name)}: {ambiguity}, since numbers such as '{whole}'"
+                        " have no decimal mark; write numbers without thousands separators"
+                    )
             values.setflags(write=False)
             self._numbers[name] = values
         return self._numbers[name]
-
-    def _check_thousands(self, name: str, values: FloatArray) -> None:
-        """Raise an error if a number may be read a thousand times too small, such as "1.000" after "999"."""
-        trimmed = pc.utf8_trim_whitespace(self._column(name))
-        marked = np.asarray(pc.match_substring(trimmed, self.decimal).fill_null(False))
-        unmarked = np.where(marked, 0.0, np.abs(values))
-        texts = (str(trimmed[row]) for row in np.flatnonzero(marked).tolist())
-        if ambiguity := thousands_ambiguity(texts, float(unmarked.max(initial=0.0)), self.decimal):
-            whole = trimmed[int(np.argmax(unmarked >= MIN_UNMARKED))]
-            raise InputError(
-                f"{self.place(np.argmax(marked), name)}: {ambiguity}, since numbers such as '{whole}' have "
-                "no decimal mark; write numbers without thousands separators"
-            )
 
     def varies(self, name: str) -> bool:
         """Return whether a column contains numbers that are not all equal.

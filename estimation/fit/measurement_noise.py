@@ -109,10 +109,6 @@ class NoiseSource(StrEnum):
     FLEXIBLE = "a flexible regression"  # an upper bound: it may not follow every signal
     MODEL = "the model's own error"  # an upper bound: it contains the noise
 
-    @classmethod
-    def _missing_(cls, value: object) -> "NoiseSource | None":
-        return cls.FLEXIBLE if value == "smooth law of all signals" else None  # its name in older files
-
 
 @dataclass(frozen=True)
 class MeasurementNoise:

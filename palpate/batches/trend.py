@@ -92,8 +92,14 @@ def time_axis(table: pa.Table, field: str | None = None) -> tuple[FloatArray, li
             times = [read(label) for label in labels]
             known = [time for time in times if time is not None]
             if len(known) == len(labels):
-                if what == "date":
-                    _refuse_mixed_zones(name, labels)
+                zoned = [_moment(label).tzinfo is not None for label in labels] if what == "date" else []
+                if len(set(zoned)) == 2:  # their order is unknown
+                    with_zone, without = zoned.index(True), zoned.index(False)
+                    raise InputError(
+                        f"column {name}: {labels[with_zone]!r} in row {with_zone + 1} has a time zone, but "
+                        f"{labels[without]!r} in row {without + 1} has none; give all dates with a time "
+                        "zone, or none"
+                    )
                 if len(set(known)) == 1 and (several := len(set(measurement))) >= LEAST:
                     raise InputError(
                         f"column {name}: all {several} measurements have {labels[0]}, which gives no order "
@@ -111,17 +117,6 @@ def time_axis(table: pa.Table, field: str | None = None) -> tuple[FloatArray, li
             raise InputError(f"--date {field}: give dates such as 2026-11-23, or numbers (not {labels[0]!r})")
     number = {name: float(place) for place, name in enumerate(dict.fromkeys(measurement), 1)}
     return np.array([number[name] for name in measurement]), measurement, "count"
-
-
-def _refuse_mixed_zones(name: str, labels: Sequence[str]) -> None:
-    """Raise `InputError` if only some dates have a time zone, since their order is then unknown."""
-    zoned = [_moment(label).tzinfo is not None for label in labels]
-    if len(set(zoned)) == 2:
-        with_zone, without = zoned.index(True), zoned.index(False)
-        raise InputError(
-            f"column {name}: {labels[with_zone]!r} in row {with_zone + 1} has a time zone, but "
-            f"{labels[without]!r} in row {without + 1} has none; give all dates with a time zone, or none"
-        )
 
 
 def _moment(text: str) -> datetime:

@@ -14,6 +14,8 @@ from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from palpate.control.probing.plan import ProbingPlan
+from palpate.estimation.contact_estimators import CONTACT_ESTIMATORS
+from palpate.estimation.estimators import ESTIMATORS
 from palpate.estimation.models import MODELS
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import FileModel, NotNegative, Number, Positive, problem_at, validate
@@ -21,7 +23,7 @@ from palpate.runs.probing import check_duration
 from palpate.runs.robots import find_robot
 from palpate.sim_backend.contact_laws.standard import HuntCrossleyLaw
 from palpate.sweep.case import Case
-from palpate.sweep.tasks.probing import NOTHING, estimators_for, make_estimator, world
+from palpate.sweep.tasks.probing import NOTHING, make_estimator, world
 
 SHIPPED = Path(__file__).parent / "grids"
 ESTIMATE, DIAGNOSE = "palpate.sweep.tasks.probing:estimate", "palpate.sweep.tasks.probing:diagnose"
@@ -157,7 +159,9 @@ class GridFile(FileModel):
         self, law: Mapping[str, Any], speeds: tuple[float, ...], std_n: float, percent: float, hidden: Hidden
     ) -> dict[str, Any]:
         model = self.model or ("hunt_crossley" if law.get("name") == HuntCrossleyLaw.name else "kelvin_voigt")
-        named = (self.estimators,) if isinstance(self.estimators, str) else self.estimators
+        named = [self.estimators] if isinstance(self.estimators, str) else list(self.estimators)
+        if self.estimators == ALL:
+            named = [*ESTIMATORS, *(name for name, each in CONTACT_ESTIMATORS.items() if each.model == model)]
         return {
             "robot": self.robot,
             "scenario": self.scenario,
@@ -168,7 +172,7 @@ class GridFile(FileModel):
             "hidden": hidden,
             "draws": self.draws if percent else 1,
             "model": model,
-            "estimators": estimators_for(model) if self.estimators == ALL else list(named),
+            "estimators": named,
         }
 
     def _plan(self, speeds: tuple[float, ...]) -> dict[str, Any]:

@@ -260,19 +260,6 @@ def problem_at(key: str, text: str) -> PydanticCustomError:
     return PydanticCustomError("problem_at", "{text}", {"text": text, "key": key})
 
 
-def rename_key(data: object, former: str, name: str) -> object:
-    """Return a mapping with one key renamed, so that files with a field's former name stay valid.
-
-    Args:
-        data: data of a model before validation; anything but a mapping is returned unchanged.
-        former: earlier name of the key.
-        name: present name; it takes precedence if both are given.
-    """
-    if isinstance(data, Mapping) and former in data:
-        return {name: data[former]} | {key: value for key, value in data.items() if key != former}
-    return data
-
-
 class FileModel(BaseModel):
     """Base of everything that is read from a file: frozen; an unknown key is an error with a hint."""
 

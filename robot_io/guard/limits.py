@@ -1,11 +1,12 @@
 """Limits of an arm, and the checks of a measurement against them."""
 
+from collections.abc import Mapping
 from math import inf, isfinite
 from typing import Annotated, NamedTuple
 
 from pydantic import Field, model_validator
 
-from palpate.robot_io.files.file_model import FileModel, NotNegative, Number, Positive, rename_key
+from palpate.robot_io.files.file_model import FileModel, NotNegative, Number, Positive
 from palpate.robot_io.types import FloatArray, Measurement, Status
 
 # Bounds beyond any arm that this guard is for: a limit past them would be no limit.
@@ -48,7 +49,10 @@ class Limits(FileModel):
     @model_validator(mode="before")
     @classmethod
     def _accept_former_key(cls, data: object) -> object:
-        return rename_key(data, "deaf_drive_s", "unresponsive_drive_s")
+        if isinstance(data, Mapping) and "deaf_drive_s" in data:
+            data = dict(data)
+            data = {"unresponsive_drive_s": data.pop("deaf_drive_s")} | data
+        return data
 
     @model_validator(mode="after")
     def _check_consistency(self) -> "Limits":

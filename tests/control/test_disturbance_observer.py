@@ -140,7 +140,3 @@ def test_effective_tip_mass_is_that_of_the_mass_matrix():
     lever_m = np.array([0.0, 0.6, 0.8]) @ body.tip_jacobian(position)[:3]
     pushed = np.linalg.solve(body.mass_matrix(position), lever_m)
     assert body.effective_mass(position, lever_m) == pytest.approx(1.0 / (lever_m @ pushed), rel=1e-9)
-
-
-def test_former_key_of_the_gains_is_accepted():
-    assert Gains.model_validate({"witness": {"share": 0.1}}).disturbance_observer.share == 0.1

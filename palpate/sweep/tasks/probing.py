@@ -226,11 +226,6 @@ def _contact_channel(samples: Samples) -> ChannelData:
     return channels[0]
 
 
-def estimators_for(model: str) -> list[str]:
-    """Return the names of estimators that suit a contact model."""
-    return [*ESTIMATORS, *(name for name, each in CONTACT_ESTIMATORS.items() if each.model == model)]
-
-
 def make_estimator(spec: str | Mapping[str, Any]) -> tuple[str, Estimator | ContactEstimator]:
     """Make an estimator from its name, or from a mapping with `name`, settings and perhaps `label`.
 

@@ -433,20 +433,18 @@ class PortLock:
         elif not is_port and interface != "virtual" and sys.platform == "linux":
             # Options may tell apart adapters with the same channel, such as by a serial number.
             whole = f"{interface}/{channel}/{sorted((options or {}).items())}"
-            self._lock_channel(hashlib.sha256(whole.encode()).hexdigest())
-
-    def _lock_channel(self, name: str) -> None:
-        """Bind an abstract socket, which Linux releases when this program ends, however it ends."""
-        lock, users = self._shared.get(name) or (socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM), 0)
-        if not users:
-            try:
-                lock.bind(f"\0palpate/can/{name}")
-            except OSError as error:
-                lock.close()
-                if error.errno != errno.EADDRINUSE:
-                    raise
-                raise DeviceError("in use by another program, whose motors could lose torque") from error
-        self._shared[name], self._name = (lock, users + 1), name
+            name = hashlib.sha256(whole.encode()).hexdigest()
+            # Linux releases an abstract socket when this program ends, however it ends.
+            lock, users = self._shared.get(name) or (socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM), 0)
+            if not users:
+                try:
+                    lock.bind(f"\0palpate/can/{name}")
+                except OSError as error:
+                    lock.close()
+                    if error.errno != errno.EADDRINUSE:
+                        raise
+                    raise DeviceError("in use by another program, whose motors could lose torque") from error
+            self._shared[name], self._name = (lock, users + 1), name
 
     def release(self) -> None:
         """Release the port or channel. Can be called repeatedly."""

@@ -1,6 +1,5 @@
 """Measurement noise, permutation tests, and what is reported of the residual."""
 
-import json
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -8,7 +7,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from palpate.estimation.diagnosis.result import NoiseFloor
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import FitResult, fit_model
 from palpate.estimation.fit.measurement_noise import (
@@ -131,11 +129,6 @@ def test_zero_readings_in_free_air_give_no_noise_estimate():
     found = noise_of(replace(data, effort=np.where(data.engaged, data.effort, 0.0)))
     assert found.source is not NoiseSource.FREE_AIR
     assert found.value == pytest.approx(NOISE_N, rel=0.2)
-
-
-def test_source_is_read_under_its_former_name():
-    stored = {"value": 0.1, "source": "smooth law of all signals", "free_air": None, "share_left": 0.0}
-    assert NoiseFloor.model_validate_json(json.dumps(stored)).source is NoiseSource.FLEXIBLE
 
 
 def slow_noise(count, size):
