@@ -352,12 +352,10 @@ def find_dialect(content: bytes) -> TextDialect | None:
         longest = dialect.tables[sizes.index(max(sizes))]
         return longest.numbers, len(longest.names)
 
-    with_names = (dialect for dialect in dialects if dialect.tables)
-    return max(with_names, key=column_counts, default=None) or _nameless_dialect(lines)
-
-
-def _nameless_dialect(lines: list[tuple[int, str]]) -> TextDialect | None:
-    """Return the dialect of rows of numbers without names that has the fewest words; None for other text."""
+    with_names = [dialect for dialect in dialects if dialect.tables]
+    if with_names:
+        return max(with_names, key=column_counts)
+    # of rows of numbers without names, the dialect with the fewest words
     comments = next((n for n, (_, text) in enumerate(lines) if text[:1] not in _COMMENT_SIGNS), 0)
     begin, texts = lines[comments][0], [text for _, text in lines[comments:][:_ALIKE]]
     options = list[tuple[int, TextDialect]]()

@@ -67,7 +67,18 @@ class Ransac(Estimator):
     def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
         size = max(self.subset, regression.columns.shape[1])
         candidates = solve_subsets(regression.columns, regression.effort, size, self.trials, rng)
-        threshold = self.threshold or self._noise_threshold(regression, candidates, rng)
+        threshold = self.threshold
+        if threshold is None:  # in proportion to the noise
+            columns, effort = regression.columns, regression.effort
+            least = _ROUNDING * float(np.sqrt(np.mean(effort**2))) or 1.0
+            rows = rng.permutation(len(effort))[:_PILOT_SAMPLES]
+            quantiles = np.quantile(np.abs(candidates @ columns[rows].T - effort[rows]), _QUANTILE, axis=1)
+            best = int(np.argmin(quantiles))
+            sigma = float(quantiles[best] / scipy.special.ndtri((1.0 + _QUANTILE) / 2.0))
+            gains, inliers = self._refine(regression, candidates[best], max(_INLIER_SIGMAS * sigma, least))
+            residual = (effort - columns @ gains)[inliers]
+            sigma = float(np.sqrt(np.sum(residual**2) / max(1, len(residual) - columns.shape[1])))
+            threshold = max(_INLIER_SIGMAS * sigma, least)
         # Count the inliers of each candidate, shape (trials,).
         design = np.column_stack([regression.columns, regression.effort]).T.copy()
         signed = np.column_stack([candidates, -np.ones(len(candidates))])
@@ -88,22 +99,6 @@ class Ransac(Estimator):
         }
         covariance = _covariance(regression, residuals, best_subsets - gains, threshold)
         return assemble(self.name, regression, gains, covariance, inliers=inliers, details=details)
-
-    def _noise_threshold(
-        self, regression: Regression, candidates: FloatArray, rng: np.random.Generator
-    ) -> float:
-        """Return a threshold in proportion to the noise [effort]; candidates have shape (trials, p)."""
-        columns, effort = regression.columns, regression.effort
-        least = _ROUNDING * float(np.sqrt(np.mean(effort**2))) or 1.0
-        rows = rng.permutation(len(effort))[:_PILOT_SAMPLES]
-        distance = np.abs(candidates @ columns[rows].T - effort[rows])
-        quantiles = np.quantile(distance, _QUANTILE, axis=1)
-        best = int(np.argmin(quantiles))
-        pilot, sigma = candidates[best], float(quantiles[best] / scipy.special.ndtri((1.0 + _QUANTILE) / 2.0))
-        gains, inliers = self._refine(regression, pilot, max(_INLIER_SIGMAS * sigma, least))
-        residual = (effort - columns @ gains)[inliers]
-        sigma = float(np.sqrt(np.sum(residual**2) / max(1, len(residual) - columns.shape[1])))
-        return max(_INLIER_SIGMAS * sigma, least)
 
     def _refine(
         self, regression: Regression, gains: FloatArray, threshold: float

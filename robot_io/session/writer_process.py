@@ -10,12 +10,11 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from palpate.robot_io.errors import SessionError
 from palpate.robot_io.files.atomic_write import reserve_name
 from palpate.robot_io.session.event import EVENT_STREAM, UNCLOSED, Event, SessionMetadata, encode_event
 from palpate.robot_io.session.mcap_file import McapFile
 from palpate.robot_io.session.shared_log import FINISHED, READY, SharedLog, WriterJob, lock
-from palpate.robot_io.session.stream import TIME_COLUMN, Stream, streams_from_json
+from palpate.robot_io.session.stream import TIME_COLUMN, streams_from_json
 
 IDLE_S = 0.01
 CHUNK_PERIOD_S = 1.0  # a slow stream's chunk is ended after this time, full or not
@@ -37,26 +36,25 @@ def main() -> None:
     log = SharedLog(job.memory, streams, job.ring_slots)
     os.close(job.memory)
     try:
-        _write_session(job, streams, log)
-        log.state = FINISHED
+        path = Path(job.path)
+        with reserve_name(path):  # exclusive creation; another program may have been faster
+            file = path.open("xb")
+        with file:
+            lock(file)
+            metadata = SessionMetadata.from_strings(job.metadata, job.extra)
+            drain = _Drain(log, McapFile(file, streams, metadata))
+            log.state = READY
+            drain.run(job.parent_pid)
+            drain.finish()
+            os.fsync(file.fileno())
+            is_kept = os.path.exists(path) and os.path.samestat(os.stat(path), os.fstat(file.fileno()))
+        if is_kept:
+            log.state = FINISHED
+        else:
+            log.fail("the file was deleted or replaced while it was being written", None)
     except Exception as error:  # any error is reported to the program
         text, number = (error.strerror, error.errno) if isinstance(error, OSError) else (None, None)
         log.fail(text or str(error) or repr(error), number)
-
-
-def _write_session(job: WriterJob, streams: tuple[Stream, ...], log: SharedLog) -> None:
-    path = Path(job.path)
-    with reserve_name(path):  # exclusive creation; another program may have been faster
-        file = path.open("xb")
-    with file:
-        lock(file)
-        drain = _Drain(log, McapFile(file, streams, SessionMetadata.from_strings(job.metadata, job.extra)))
-        log.state = READY
-        drain.run(job.parent_pid)
-        drain.finish()
-        os.fsync(file.fileno())
-        if not (os.path.exists(job.path) and os.path.samestat(os.stat(job.path), os.fstat(file.fileno()))):
-            raise SessionError("the file was deleted or replaced while it was being written")
 
 
 class _Drain:
