@@ -1,8 +1,6 @@
 """Frame around every message: a seal, version, sender, sequence number, and times of both clocks.
 
-A frame is its seal and a protobuf message of eight fields of eight bytes each and the message's bytes. Their
-length is a varint padded to three bytes, so that all fields have fixed positions, and one call reads the
-frame.
+A frame is its seal, eight numbers of eight bytes each, little-endian, and the message as JSON.
 
 The seal is a checksum, or with a key that both sides share a message authentication code. A checksum (CRC-32)
 detects damage, and does not stop an attacker. The code (first 16 bytes of HMAC-SHA-256, RFC 2104) requires
@@ -20,8 +18,10 @@ from math import nan
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from pydantic import TypeAdapter, ValidationError
+
 from palpate.robot_io.errors import InputError, ProtocolError
-from palpate.robot_io.link.messages import Intent, Message, ObjectEstimate, Report, WireType
+from palpate.robot_io.link.messages import Intent, Message, ObjectEstimate, Report
 
 _LEAST_BYTES, _MOST_BYTES = 16, 4096  # smallest and largest size of a key
 
@@ -96,15 +96,13 @@ def check_secret(path: Path, what: str) -> None:
         )
 
 
-VERSION = 3
+VERSION = 4
 MOST_BYTES = 32 * 1024
 _MOST_FRAMES = 2**40  # of one sender; gaps of many senders still fit a record's int64
-_HEADER = struct.Struct("<BqBqBqBdBqBdBdBqBBBB")
-_FIELDS = struct.Struct("<xqxqxqxdxqxdxdxq4x")  # the same without tags and length
-_TAGS = (0x09, 0x11, 0x19, 0x21, 0x29, 0x31, 0x39, 0x41, 0x4A)  # fields 1 to 8 of eight bytes each; 9, bytes
+_HEADER = struct.Struct("<qqqdqddq")  # the fields of a frame, except its content
 # Transmitted numbers: add new ones at the end.
 _KINDS: dict[type[Message], int] = {Intent: 0, Report: 1, ObjectEstimate: 2}
-_WIRE: tuple[WireType[Any], ...] = tuple(WireType(kind) for kind in _KINDS)
+_WIRE: tuple[TypeAdapter[Any], ...] = tuple(TypeAdapter(kind) for kind in _KINDS)
 
 
 class FrameError(ProtocolError):
@@ -130,7 +128,7 @@ class Frame(NamedTuple):
     heard_sent_s: float
     heard_at_s: float
     kind: int  # class of the message
-    content: bytes  # the message
+    content: bytes  # the message as JSON
 
     @property
     def message(self) -> Message:
@@ -138,9 +136,10 @@ class Frame(NamedTuple):
         if not 0 <= self.kind < len(_WIRE):
             raise FrameError(f"no message has the number {self.kind}")
         try:
-            message: Message = _WIRE[self.kind].decode(self.content)
-        except ProtocolError as error:
-            raise FrameError(str(error)) from error
+            message: Message = _WIRE[self.kind].validate_json(self.content, strict=True)
+        except ValidationError as error:
+            first = error.errors(include_url=False, include_context=False, include_input=False)[0]
+            raise FrameError(f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from error
         return message
 
 
@@ -163,17 +162,8 @@ def encode(  # noqa: PLR0917
         seal: seal of this side.
     """
     kind = _KINDS[type(message)]
-    content = _WIRE[kind].encode(message)
-    t1, t2, t3, t4, t5, t6, t7, t8, t9 = _TAGS
-    length = len(content)
-    low, middle, high = length & 0x7F | 0x80, length >> 7 & 0x7F | 0x80, length >> 14
-    # fmt: off
-    header = _HEADER.pack(
-        t1, VERSION, t2, sender, t3, sequence, t4, sent_s, t5, heard.sender, t6, heard.sent_s, t7, heard.at_s,
-        t8, kind, t9, low, middle, high,
-    )
-    # fmt: on
-    body = header + content
+    header = _HEADER.pack(VERSION, sender, sequence, sent_s, *heard, kind)
+    body = header + _WIRE[kind].dump_json(message)
     return seal.of(body) + body
 
 
@@ -192,7 +182,7 @@ def decode(data: bytes, seal: FrameCode = CHECKSUM) -> Frame:
         raise FrameError(f"{len(data)} bytes: a frame has {begin} to {MOST_BYTES}")
     if not compare_digest(data[: seal.size], seal.of(memoryview(data)[seal.size :])):
         raise FrameError(seal.broken)
-    frame = Frame._make((*_FIELDS.unpack_from(data, seal.size), data[begin:]))
+    frame = Frame._make((*_HEADER.unpack_from(data, seal.size), data[begin:]))
     if frame.version != VERSION:
         raise FrameError(f"version {frame.version} of the messages; this program supports version {VERSION}")
     if not -1e12 < frame.sent_s < 1e12 or not 0 <= frame.sequence < _MOST_FRAMES:

@@ -1,120 +1,21 @@
-"""Messages between leader and follower: frozen dataclasses that are mapped to protobuf messages at run time.
+"""Messages between leader and follower: frozen dataclasses, which travel as JSON.
 
-The types map as follows: float to double, int to sfixed64, bool to bool, str to string, bytes to bytes, a
-dataclass to a nested message, and a tuple of any of these to a repeated field. Fields are numbered from 1 in
-the order of the class.
-
-Every message holds the whole state of its sender, so the next one replaces a lost one.
+Their own checks run on every message that arrives. Every message holds the whole state of its sender, so the
+next one replaces a lost one.
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import partial
-from operator import attrgetter
-from typing import Any, Generic, TypeVar, get_args, get_origin, get_type_hints
+from typing import Annotated, ClassVar
 
-from google.protobuf import descriptor_pb2, message_factory
-from google.protobuf.message import DecodeError
+from pydantic import ConfigDict, Field
 
-from palpate.robot_io.errors import InputError, ProtocolError
-from palpate.robot_io.session.wire import descriptor_of
+from palpate.robot_io.errors import InputError
 
-_FIELD = descriptor_pb2.FieldDescriptorProto
-_SCALARS = {
-    float: _FIELD.TYPE_DOUBLE,
-    int: _FIELD.TYPE_SFIXED64,
-    bool: _FIELD.TYPE_BOOL,
-    str: _FIELD.TYPE_STRING,
-    bytes: _FIELD.TYPE_BYTES,
-}
-T = TypeVar("T")
-
-
-class WireType(Generic[T]):
-    """Encodes and decodes one dataclass or named tuple; its own checks run on every decoded value.
-
-    Args:
-        kind: the class.
-        descriptor: type of its message if it is a field of another class; None to make a type.
-    """
-
-    def __init__(self, kind: type[T], descriptor: Any = None) -> None:  # noqa: ANN401, built at run time
-        members, descriptor = _members(kind), descriptor or descriptor_of(_describe(kind))
-        self._kind, self._message = kind, message_factory.GetMessageClass(descriptor)
-        self._names = tuple(name for name, _, _ in members)
-        self._values = attrgetter(*self._names)
-        self._build: list[tuple[str, Callable[[Any], object]]] = []  # fields that need a conversion
-        self._read: list[tuple[int, Callable[[Any], object]]] = []
-        for index, (name, field_kind, is_repeated) in enumerate(members):
-            if field_kind not in _SCALARS:
-                inner: WireType[Any] = WireType(field_kind, descriptor.fields_by_name[name].message_type)
-                build, read = inner._message_of, inner._value_of
-                self._build.append((name, partial(_convert_each, build) if is_repeated else build))
-                self._read.append((index, partial(_convert_each, read) if is_repeated else read))
-            elif is_repeated:
-                # Copied as a slice: twice as fast as one by one.
-                self._read.append((index, lambda values: tuple(values[:])))
-
-    def encode(self, value: T) -> bytes:
-        """Encode a value.
-
-        Args:
-            value: value of the class.
-        """
-        data: bytes = self._message_of(value).SerializeToString()
-        return data
-
-    def decode(self, data: bytes) -> T:
-        """Decode what `encode` made; raise `ProtocolError` if it is another message, or a value is invalid.
-
-        Args:
-            data: a protobuf message.
-        """
-        try:
-            return self._value_of(self._message.FromString(data))
-        except (DecodeError, ValueError, TypeError) as error:
-            text = " ".join(str(error).split())[:200]
-            raise ProtocolError(f"{self._kind.__name__}: {text}") from error
-
-    def _message_of(self, value: T) -> Any:  # noqa: ANN401, built at run time
-        values = dict(zip(self._names, self._values(value), strict=False))
-        for name, build in self._build:
-            values[name] = build(values[name])
-        return self._message(**values)
-
-    def _value_of(self, message: Any) -> T:  # noqa: ANN401, built at run time
-        values = list(self._values(message))
-        for index, read in self._read:
-            values[index] = read(values[index])
-        return self._kind(*values)
-
-
-def _convert_each(convert: Callable[[Any], Any], values: Iterable[Any]) -> tuple[Any, ...]:
-    return tuple([convert(value) for value in values])  # faster than of a generator
-
-
-def _members(kind: type) -> list[tuple[str, type, bool]]:
-    """Return name and type of each field of a class, and whether it is repeated."""
-    hints = [(name, hint, get_origin(hint) is tuple) for name, hint in get_type_hints(kind).items()]
-    return [(name, get_args(hint)[0] if repeated else hint, repeated) for name, hint, repeated in hints]
-
-
-def _describe(kind: type) -> descriptor_pb2.DescriptorProto:
-    message = descriptor_pb2.DescriptorProto(name=kind.__name__)
-    for number, (name, field_kind, is_repeated) in enumerate(_members(kind), start=1):
-        field = message.field.add(name=name, json_name=name, number=number)
-        field.label = _FIELD.LABEL_REPEATED if is_repeated else _FIELD.LABEL_OPTIONAL
-        if field_kind in _SCALARS:
-            field.type = _SCALARS[field_kind]
-            continue
-        inner = _describe(field_kind)
-        message.nested_type.append(inner)
-        field.type, field.type_name = _FIELD.TYPE_MESSAGE, inner.name
-    return message
-
-
+Int64 = Annotated[int, Field(ge=-(2**63), lt=2**63)]  # as records of a session hold it
+WITH_NAN = ConfigDict(ser_json_inf_nan="constants")
 MOST_TARGETS = 64
 MOST_PARAMETERS = 64
 MOST_TEXT = 500  # characters
@@ -183,9 +84,11 @@ class Target:
 class Intent:
     """The operator's intent; leader to follower."""
 
+    __pydantic_config__: ClassVar[ConfigDict] = WITH_NAN
+
     targets: tuple[Target, ...]  # targets in the order of probing
-    cancelled: tuple[int, ...]  # numbers of canceled targets
-    seen: tuple[int, ...]  # revision of the newest estimate that has arrived, of each target
+    cancelled: tuple[Int64, ...]  # numbers of canceled targets
+    seen: tuple[Int64, ...]  # revision of the newest estimate that has arrived, of each target
     ended: bool  # whether the operator has finished: finish the queue, then end
 
     def __post_init__(self) -> None:
@@ -201,14 +104,16 @@ class Intent:
 class Report:
     """Present state of the follower; follower to leader."""
 
-    phase: int  # number of `palpate.control.loop.task.Phase`
-    target: int  # number of the target that is being probed, -1 for none
+    __pydantic_config__: ClassVar[ConfigDict] = WITH_NAN
+
+    phase: Int64  # number of `palpate.control.loop.task.Phase`
+    target: Int64  # number of the target that is being probed, -1 for none
     tip_world_m: tuple[float, ...]  # shape (3,) [m]
     speed_m_s: float  # of the tip along the press direction [m/s]
     direction_world: tuple[float, ...]  # shape (3,), press direction
     force_n: float  # measured minus the reading in free air, positive in compression [N]
-    targets: tuple[int, ...]  # numbers of all targets that are known
-    states: tuple[int, ...]  # `TargetState` of each of them
+    targets: tuple[Int64, ...]  # numbers of all targets that are known
+    states: tuple[Int64, ...]  # `TargetState` of each of them
     remark: str  # reason of the newest refusal, failure or stop; empty if there was none
     ended: bool  # the follower is at rest without torque, and ends
 
@@ -266,8 +171,10 @@ class ContactModel:
 class ObjectEstimate:
     """Estimated model of the object at one target; follower to leader."""
 
+    __pydantic_config__: ClassVar[ConfigDict] = WITH_NAN
+
     revision: int  # counts up with every estimate
-    target: int  # number of the target
+    target: Int64  # number of the target
     surface_world_m: tuple[float, ...]  # shape (3,), position of the undeformed surface [m]
     direction_world: tuple[float, ...]  # shape (3,), unit vector into the object
     model: tuple[ContactModel, ...]  # the contact law, then established effects
@@ -276,7 +183,7 @@ class ObjectEstimate:
     words: str  # reason of the verdict, one line
     rmse_n: float  # of the model on the measured runs [N]
     noise_n: float  # error by the sensor's noise alone [N]; NaN if not known
-    runs: int  # how many runs it rests on
+    runs: Int64  # how many runs it rests on
     measured_s: float  # time of the last sample that went into it, on the follower's clock [s]
 
     def __post_init__(self) -> None:
