@@ -196,7 +196,15 @@ class HybridController:
                     self.surface_travel_m = self._clear_travel_m
                     self.quick_estimator.reset()
                 self.quick_estimator.update(travel_m - self.surface_travel_m, speed_m_s, force_n, since_s)
-        self.state = self._next_state(reference, force_n, speed_m_s, dt_s)
+        goal, free, last = reference.force, reference.free, self.state
+        if free is not None and (goal is None or not self.switch.in_contact):
+            self.state = free
+        elif goal is None:
+            raise InputError("hybrid controller: the reference has neither a motion nor a force")
+        else:
+            speed = last.speed_m_s + last.acceleration_m_s2 * dt_s
+            travel = last.travel_m + 0.5 * (last.speed_m_s + speed) * dt_s
+            self.state = LineState(travel, speed, self._force_law(goal, force_n, speed_m_s, speed, dt_s))
         motion = self._line.joint_motion(self.state, self.reference_rad)
         return self._follow(measurement, motion, tip, force_n, dt_s)
 
@@ -205,19 +213,6 @@ class HybridController:
         is_new = measurement.force_at_s > self._force_at_s and measurement.force_status == Status.OK
         self._force_at_s = max(self._force_at_s, measurement.force_at_s)
         return is_new
-
-    def _next_state(
-        self, reference: HybridReference, force_n: float, speed_m_s: float, dt_s: float
-    ) -> LineState:
-        goal, free = reference.force, reference.free
-        if free is not None and (goal is None or not self.switch.in_contact):
-            return free
-        if goal is None:
-            raise InputError("hybrid controller: the reference has neither a motion nor a force")
-        last = self.state
-        speed = last.speed_m_s + last.acceleration_m_s2 * dt_s
-        travel = last.travel_m + 0.5 * (last.speed_m_s + speed) * dt_s
-        return LineState(travel, speed, self._force_law(goal, force_n, speed_m_s, speed, dt_s))
 
     def _force_law(
         self, goal: ForceGoal, force_n: float, measured_m_s: float, speed_m_s: float, dt_s: float

@@ -148,8 +148,15 @@ def split_unit(name: str) -> tuple[str, str]:
     name = _unit_behind(RUN_AFTER_UNIT.sub("", name))
     if stated := SENSITIVITY.search(name):
         stem, own = split_unit(SENSITIVITY.sub("", name))
-        if dimension_of(own) in PROXIES and (unit := _unit_by_sensitivity(normalize_unit(stated[1]), own)):
-            return stem, unit
+        if dimension_of(own) in PROXIES:  # such as "×5.0N" for "5N_V" or "0.2V_N"
+            scale, unit = scaled_unit(normalize_unit(stated[1]), own)
+            if "_" in unit:  # volts per newton
+                above, _, unit = unit.partition("_")
+                below, scale = f"1{unit}_{above}", 1.0 / scale if scale else 0.0
+                ratio, unit = scaled_unit(normalize_unit(below), own)
+                scale *= ratio
+            if scale and dimension_of(unit) in {"force", "torque", "length"}:
+                return stem, f"×{scale:.12g}{unit}"
     match = _BRACKETED.search(name)
     stem, _, last = name.strip().rpartition(" ")
     if not match and stem and "/" in last and dimension_of(unit := normalize_unit(last)):
@@ -168,17 +175,6 @@ def split_unit(name: str) -> tuple[str, str]:
             if dimension_of(ending) and ending not in BRACKETED and "×" not in ending:
                 return "_".join(parts[:-count]), ending
     return name, ""
-
-
-def _unit_by_sensitivity(sensitivity: str, own: str) -> str:
-    """Return the unit of numbers in `own` by a sensitivity, such as "×5.0N" for "5N_V" or "0.2V_N"."""
-    scale, unit = scaled_unit(sensitivity, own)
-    if "_" in unit:  # volts per newton
-        above, _, unit = unit.partition("_")
-        below, scale = f"1{unit}_{above}", 1.0 / scale if scale else 0.0
-        ratio, unit = scaled_unit(normalize_unit(below), own)
-        scale *= ratio
-    return f"×{scale:.12g}{unit}" if scale and dimension_of(unit) in {"force", "torque", "length"} else ""
 
 
 def _unit_behind(name: str) -> str:

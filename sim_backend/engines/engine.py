@@ -66,16 +66,8 @@ def _reduce(robot: ET.Element, tip_frame: str, mass_scale: float, behind_tip_m: 
         for element in (*inertial.iter("mass"), *inertial.iter("inertia")):
             for key, value in element.attrib.items():
                 element.set(key, repr(float(value) * mass_scale))
-    carrier, center = _in_last_moving_link(robot, tip_frame, behind_tip_m)
-    sphere = ET.SubElement(links[carrier], "collision")
-    ET.SubElement(sphere, "origin", xyz=" ".join(map(repr, center.tolist())), rpy="0 0 0")
-    radius = repr(float(np.linalg.norm(behind_tip_m)))
-    ET.SubElement(ET.SubElement(sphere, "geometry"), "sphere", radius=radius)
-
-
-def _in_last_moving_link(robot: ET.Element, link: str, point: FloatArray) -> tuple[str, FloatArray]:
-    """Return the nearest ancestor of `link` that is moved by a joint, and `point` (3,) [m] in its frame."""
-    for joint in joints_to_root(robot, link):
+    carrier, center = tip_frame, behind_tip_m  # in the nearest ancestor that is moved by a joint
+    for joint in joints_to_root(robot, tip_frame):
         if joint.get("type") != "fixed":
             break
         origin = joint.find("origin")
@@ -84,10 +76,13 @@ def _in_last_moving_link(robot: ET.Element, link: str, point: FloatArray) -> tup
                 [float(number) for number in origin.get(key, "0 0 0").split()] for key in ("xyz", "rpy")
             )
             if any(rpy):  # importing scipy.spatial takes long
-                point = scipy.spatial.transform.Rotation.from_euler("xyz", rpy).apply(point)
-            point = point + xyz
-        link = linked_name(joint, "parent")
-    return link, point
+                center = scipy.spatial.transform.Rotation.from_euler("xyz", rpy).apply(center)
+            center = center + xyz
+        carrier = linked_name(joint, "parent")
+    sphere = ET.SubElement(links[carrier], "collision")
+    ET.SubElement(sphere, "origin", xyz=" ".join(map(repr, center.tolist())), rpy="0 0 0")
+    radius = repr(float(np.linalg.norm(behind_tip_m)))
+    ET.SubElement(ET.SubElement(sphere, "geometry"), "sphere", radius=radius)
 
 
 Joints = Sequence[float]  # one value per joint, shape (n,)
