@@ -11,7 +11,7 @@ from google.protobuf import descriptor_pb2, message_factory
 from google.protobuf.message import DecodeError, Message
 
 from palpate.robot_io.errors import InputError, SessionError
-from palpate.robot_io.session.wire import descriptor_of, file_descriptor_set
+from palpate.robot_io.session.wire import PACKAGE, file_descriptor_set
 
 # Keys of further texts of a session.
 RUN_LABELS = "run_labels"  # names of the data file's runs, as JSON
@@ -102,12 +102,13 @@ def _event_type() -> descriptor_pb2.DescriptorProto:
     return message
 
 
-_EventMessage: type[Message] = message_factory.GetMessageClass(descriptor_of(_event_type()))
-
-
 def event_descriptor_set() -> bytes:
     """Serialise the events' message type as a FileDescriptorSet."""
     return file_descriptor_set(_event_type())
+
+
+_FILES = descriptor_pb2.FileDescriptorSet.FromString(event_descriptor_set()).file
+_EventMessage: type[Message] = message_factory.GetMessages(_FILES)[f"{PACKAGE}.{EVENT_STREAM}"]
 
 
 def encode_event(event: Event) -> bytes:

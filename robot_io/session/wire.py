@@ -14,7 +14,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from google.protobuf import descriptor_pb2, descriptor_pool
+from google.protobuf import descriptor_pb2
 from numpy.typing import NDArray
 
 from palpate.robot_io.errors import SessionError
@@ -200,25 +200,12 @@ class Decoder:
 
 def file_descriptor_set(message: descriptor_pb2.DescriptorProto) -> bytes:
     """Wrap one message type into a serialized proto3 FileDescriptorSet."""
-    data: bytes = descriptor_pb2.FileDescriptorSet(file=[_file(message)]).SerializeToString()
-    return data
-
-
-def descriptor_of(message: descriptor_pb2.DescriptorProto) -> Any:  # noqa: ANN401, built at run time
-    """Register one message type in a pool of its own, from which protobuf makes classes.
-
-    Args:
-        message: the message type; two calls with one name do not collide.
-    """
-    pool = descriptor_pool.DescriptorPool()
-    pool.Add(_file(message))
-    return pool.FindMessageTypeByName(f"{PACKAGE}.{message.name}")
-
-
-def _file(message: descriptor_pb2.DescriptorProto) -> descriptor_pb2.FileDescriptorProto:
-    return descriptor_pb2.FileDescriptorProto(
-        name=f"{PACKAGE}/{message.name}.proto", package=PACKAGE, syntax="proto3", message_type=[message]
+    name = f"{PACKAGE}/{message.name}.proto"
+    file = descriptor_pb2.FileDescriptorProto(
+        name=name, package=PACKAGE, syntax="proto3", message_type=[message]
     )
+    data: bytes = descriptor_pb2.FileDescriptorSet(file=[file]).SerializeToString()
+    return data
 
 
 def _varint(value: int) -> bytes:
