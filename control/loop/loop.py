@@ -7,7 +7,7 @@ from time import perf_counter
 
 import numpy as np
 
-from palpate.control.loop.result import LoopResult
+from palpate.control.loop.result import LoopResult, Outcome
 from palpate.control.loop.stop_handler import InterruptFlag, StopHandler, one_line
 from palpate.control.loop.task import Phase, Task, TaskOutput, blank_output, checked_output
 from palpate.control.loop.tick_record import NO_ESTIMATE, Journal, Observer, Tick, TickLog
@@ -36,11 +36,11 @@ def run_loop(
     """Run a task until it is done, stopped or tripped; then switch the torque off.
 
     The task starts with the torque off. Then the robot is activated, and ticks run on a grid of absolute
-    times. The run ends early after a trip of the guard, Ctrl-C (also SIGTERM and SIGHUP; in the main thread
-    only), a reason from `stop`, a failed device, or an exception or invalid output of the task. In all these
-    cases the guard's safe state runs until it is finished. The robot is deactivated in every case. A failure
-    of observer or log does not stop the arm: the observer is switched off, failures of the log are counted,
-    and both are logged as an event.
+    times. The run ends early after a trip of the guard, Ctrl-C (also SIGTERM, SIGHUP and Ctrl-Z; in the main
+    thread only), a reason from `stop`, a failed device, or an exception or invalid output of the task. In
+    all these cases the guard's safe state runs until it is finished. The robot is deactivated in every case.
+    A failure of observer or log does not stop the arm: the observer is switched off, failures of the log are
+    counted, and both are logged as an event.
 
     Args:
         robot: configured robot that is not active; on return it is deactivated, but not closed.
@@ -59,6 +59,7 @@ def run_loop(
         InputError: the rate is not positive.
         SafetyTripError: the guard is already tripped.
         DeviceError: a device failed before the first tick, or had no sample within its age limit.
+        KeyboardInterrupt: such a signal came when the task was already done.
         Exception: any exception of the task's start, such as `InputError` for a target out of reach.
     """
     if not (math.isfinite(rate_hz) and rate_hz > 0):
@@ -75,6 +76,8 @@ def run_loop(
         duration_s, wall_s = clock.now_s() - begun_s, perf_counter() - begun_wall_s
         result = replace(loop.result(), duration_s=duration_s, wall_s=wall_s)
         journal.event(clock.now_s(), "loop_ended", result.one_line())
+    if interrupt.signal_name and result.outcome is Outcome.FINISHED:  # nor may a further run begin
+        raise KeyboardInterrupt(interrupt.signal_name)
     return result
 
 
@@ -136,6 +139,7 @@ class _Loop:
         try:
             if not self._guard.tripped:  # otherwise the arm is never powered
                 self._task.start(measurement)
+                self._reference_rad = measurement.joint_position_rad  # from here the task starts
                 self._robot.activate()
                 self._grid = TickGrid(self._clock.now_s() + self._period_s, self._period_s)
                 periods, ended = 1, False
@@ -144,8 +148,8 @@ class _Loop:
                     try:
                         self._clock.sleep_until(self._grid.due_s)
                         ended = self._tick(periods * self._period_s)
-                    except (Exception, SystemExit, KeyboardInterrupt) as error:
-                        self._stop.fail("the loop", error)  # sys.exit() must not drop the arm
+                    except BaseException as error:
+                        self._stop.fail("the loop", error)  # nor may sys.exit() drop the arm
                         ended = stopping  # a failure during the safe stop ends the run: torque off
                     periods = self._grid.advance(self._clock.now_s())
         finally:
@@ -235,7 +239,7 @@ class _Loop:
     def _step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
         try:
             return checked_output(self._task.step(measurement, dt_s), self._joints)
-        except (Exception, SystemExit, KeyboardInterrupt) as error:  # sys.exit() must not drop the arm
+        except BaseException as error:
             self._stop.fail("the task", error)
             return self._stopped_output
 

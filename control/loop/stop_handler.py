@@ -14,11 +14,12 @@ from palpate.robot_io.errors import PalpateError
 from palpate.robot_io.guard import Guard
 from palpate.robot_io.robot import Robot
 
-_ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # Ctrl-C, kill, closed terminal
+# Ctrl-C, kill, closed terminal, and Ctrl-Z, because nobody commands the arm of a suspended program.
+_ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP)
 
 
 class InterruptFlag:
-    """Context in which the signals that end a program only set a flag.
+    """Context in which the signals that end or suspend a program only set a flag.
 
     A second Ctrl-C has no effect, because the safe stop is already as short as possible. Signals that the
     program's parent ignores (nohup, background jobs) stay ignored. Outside the main thread, where Python
@@ -102,7 +103,7 @@ class StopHandler:
             what: what failed, the beginning of the message.
             error: the exception; one that repeats in every tick is logged once.
         """
-        if not isinstance(error, Exception):  # SystemExit and KeyboardInterrupt count as failures
+        if not isinstance(error, Exception):  # SystemExit and others count as failures
             error = RuntimeError(f"{type(error).__name__} {error}")
         text = f"{what}: {one_line(error)}"
         if not self.guard.tripped:

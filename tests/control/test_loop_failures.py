@@ -1,5 +1,6 @@
 """Control loop failures: the arm is braked, torque goes off in time, and the cause is reported."""
 
+import asyncio
 import os
 import signal
 import threading
@@ -78,11 +79,13 @@ def test_task_exception_brakes_the_arm_and_is_chained():
     assert isinstance(raised.value.__cause__, ZeroDivisionError)
 
 
-def test_task_that_exits_brakes_the_arm_first():
+@pytest.mark.parametrize("error", [SystemExit(7), asyncio.CancelledError("")])
+def test_task_that_exits_brakes_the_arm_first(error):
     arm, task = MockArm(), SwingTask(torque_nm=0.5)
-    task.step = raising(SystemExit(7))
+    task.step = raising(error)
     result, log = run(arm, task)
-    assert (result.outcome, result.cause) == (Outcome.TRIPPED, "the task: RuntimeError: SystemExit 7")
+    said = f"the task: RuntimeError: {type(error).__name__} {error}".strip()
+    assert (result.outcome, result.cause) == (Outcome.TRIPPED, said)
     assert log.texts("trip") == [result.cause]
     assert_came_to_rest(arm, log)
 
@@ -289,7 +292,7 @@ def test_stop_cause_is_reported_with_a_failed_torque_off():
         result.raise_for_trip()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP])
 def test_second_ctrl_c_does_not_shorten_the_safe_stop(number):
     arm, task = MockArm(), SwingTask(torque_nm=0.5)
 
@@ -308,6 +311,36 @@ def test_second_ctrl_c_does_not_shorten_the_safe_stop(number):
     assert log.texts("stop") == [result.cause]
     assert_came_to_rest(arm, log)
     assert log.column("time_s")[-1] - stop_began_s(log) >= STOP_TIME_S - 2 * PERIOD_S
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("when", ["last tick", "switching off"])
+def test_signal_at_the_end_of_a_run_allows_no_further_run(number, when):
+    """A program that probes several times went on after Ctrl-C."""
+    arm, task = MockArm(), SwingTask(done_at=100)
+    press, deactivate = partial(os.kill, os.getpid(), number), arm.robot.deactivate
+    if when == "last tick":
+        arm.on_flush = lambda: press() if task.steps == 100 else None
+    else:
+        arm.robot.deactivate = lambda: press() or deactivate()
+    with pytest.raises(KeyboardInterrupt, match=number.name):
+        run(arm, task)
+    assert not arm.bus.powered
+
+
+def test_arm_that_was_moved_during_its_activation_is_not_pulled_back():
+    """The first tick had no reference: the arm was commanded to where it had been before."""
+    arm, task = MockArm(), SwingTask(torque_nm=0.5)
+    activate = arm.robot.activate
+
+    def moved():
+        activate()
+        arm.plant.angle_rad[1:] -= 0.5
+
+    arm.robot.activate = moved
+    result, _ = run(arm, task)
+    assert "joint 2 is 0.5 rad off its reference" in result.cause
+    assert task.steps == 0
 
 
 def test_first_cause_of_a_stop_is_reported():
