@@ -13,6 +13,7 @@ from palpate.estimation.channel import ChannelData, Information, SharedGains
 from palpate.estimation.data_quality import reject_reason, usable
 from palpate.estimation.effects.friction import CoulombFriction
 from palpate.estimation.effects.gravity_load import RigidBodyFitted
+from palpate.estimation.effects.inertia import Armature
 from palpate.estimation.effects.sensor_statics import Bias
 from palpate.estimation.fit.fit_result import FitResult, fit_model
 from palpate.estimation.model import Model
@@ -219,10 +220,10 @@ def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) 
         return list(channels)
     names = [f"{effect.name}.{name}" for name in effect.arm.names]
     fits = []
-    for number in arm_channels:  # without these two effects, friction or an offset biases the base parameters
+    for number in arm_channels:  # without these effects, friction, a zero or a rotor biases base parameters
         model, data = models[number], channels[number]
         present = {term.kind for term in model.effects}
-        missing = [term for term in (CoulombFriction(), Bias()) if term.kind not in present]
+        missing = [term for term in (CoulombFriction(), Bias(), Armature()) if term.kind not in present]
         model = reduce(Model.with_effect, missing, model)
         fits.append(fit_model(data, model, {}, usable(data)))
     if len({fit.problem.blocked.folds for fit in fits}) > 1:

@@ -99,6 +99,20 @@ def test_unmodeled_friction_does_not_bias_shared_information(bodies):
     np.testing.assert_allclose([fitted.rmse for fitted in found], 0.05, rtol=0.3)
 
 
+def test_unmodeled_rotors_do_not_bias_shared_information(bodies):
+    """A rotor's inertia acts on its own joint alone, unlike that of a link."""
+    rotor, models = (0.0, 0.5, 0.0, 0.3, 0.0, 0.05, 0.0), fitted_models()
+    channels = arm_channels(bodies, seed=3, coulomb=(0.0,) * JOINTS, runs=3, seconds=2.0)
+    channels = [
+        replace(data, effort=data.effort + rotor[j] * data.acceleration) for j, data in enumerate(channels)
+    ]
+    shared = with_shared_gains(prepared(channels), models)
+    found = [
+        model.with_effect(EFFECTS["armature"]()) if rotor[j] else model for j, model in enumerate(models)
+    ]
+    np.testing.assert_allclose([fitted.rmse for fitted in fits(shared, found)], 0.05, rtol=0.15)
+
+
 def test_unexcited_parameters_stay_near_the_urdf(bodies):
     """Two joints that move a little must predict another, full motion better than the URDF does."""
     still = (0.0,) * JOINTS
