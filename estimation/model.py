@@ -208,7 +208,9 @@ class Model:
             effort = sensor.sense(effort, data, own_parameters(sensor, parameters))
         return effort
 
-    def inner_slopes(self, data: ChannelData, parameters: Parameters, step: float) -> list[FloatArray]:
+    def inner_slopes(
+        self, data: ChannelData, parameters: Parameters, step: float, columns_of: "Columns | None" = None
+    ) -> list[FloatArray]:
         """Compute the derivative of the prediction by each inner parameter at fixed gains, each (n,).
 
         Args:
@@ -216,17 +218,19 @@ class Model:
             parameters: a value for every gain and inner parameter.
             step: step of the difference quotient, relative to the value (logarithmic parameters) or to the
                 typical range (others).
+            columns_of: function that looks up `columns`; None to compute them.
         """
         if not self.inner:
             return []
-        slopes, parts = [], self.parts(data, parameters)
+        slopes, parts = [], self.parts(data, parameters, columns_of)
         for name, parameter in self.inner.items():
             value, (low, high) = parameters[name], parameter.typical
             half_step = step * (abs(value) if parameter.log and value else high - low)
             upper, lower = min(value + half_step, parameter.upper), max(value - half_step, parameter.lower)
             efforts = []
             for changed in ({**parameters, name: upper}, {**parameters, name: lower}):
-                after = self.parts_after(self.effect(name.partition(".")[0]), data, changed, parts)
+                effect = self.effect(name.partition(".")[0])
+                after = self.parts_after(effect, data, changed, parts, columns_of)
                 efforts.append(self.predict_from(after, data, changed))
             slopes.append((efforts[0] - efforts[1]) / (upper - lower))
         return slopes
@@ -391,9 +395,11 @@ class Model:
         elastic = np.array([gain.name in effect.elastic for gain in effect.gains], dtype=np.bool_)
         if not (memories := self.memories_of(effect)):
             return columns
-        columns = columns.copy()
+        fading = columns if elastic.all() else columns[:, elastic]  # results are cached by the same array
         for memory in memories:
-            columns[:, elastic] = memory.fade(columns[:, elastic], data, own_parameters(memory, parameters))
+            fading = memory.fade(fading, data, own_parameters(memory, parameters))
+        columns = columns.copy()
+        columns[:, elastic] = fading
         return columns
 
 

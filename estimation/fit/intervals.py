@@ -96,8 +96,9 @@ def inner_slopes(problem: FitProblem, solution: Solution) -> list[FloatArray]:
         problem: data, noise weights and folds of the fit.
         solution: the fitted model.
     """
-    slopes = solution.model.inner_slopes(problem.blocked.data, solution.parameters, _STEP)
-    return [_without_jumps(problem.blocked.reduce(slope)) for slope in slopes]
+    blocked, model = problem.blocked, solution.model
+    slopes = model.inner_slopes(blocked.data, solution.parameters, _STEP, blocked.at_full_rate)
+    return [_without_jumps(blocked.reduce(slope)) for slope in slopes]
 
 
 def _without_jumps(slope: FloatArray) -> FloatArray:

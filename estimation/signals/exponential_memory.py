@@ -1,6 +1,6 @@
 """Exponential and power-law relaxation of signals, within a run or across runs."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -78,24 +78,38 @@ def fading_memory(
     """
     if signal.size == 0:
         return signal.astype(np.float64)
-    runs = _runs(time_s, run)
-    if independent_runs:
-        runs = replace(runs, pause_s=np.full(len(runs.first_row), np.inf))
-    strain = signal.reshape(len(signal), -1).T
-    step_s = sample_time(time_s, run)
     if is_even(time_s, run):
+        runs, strain = _runs(time_s, run, independent_runs), signal.reshape(len(signal), -1).T
+        step_s = sample_time(time_s, run)
         return _even_memory(strain, runs, step_s, rates, weights).T.reshape(signal.shape)
-    steps_s = np.diff(time_s, prepend=time_s[:1])
-    steps_s[runs.first_row] = step_s
-    # Relax strains (k, n) with uneven steps (n,) [s]; the first step of each run is the usual one.
-    later, wait_s, change = runs.first_row[1:], steps_s.copy(), _changes(strain, runs)
-    wait_s[runs.first_row[:1]], wait_s[later] = np.inf, runs.pause_s[:-1]
-    memory, rows = np.zeros(strain.shape), runs.rows if np.any(np.diff(runs.first_row) < 0) else slice(None)
-    for rate, weight in zip(rates.tolist(), weights.tolist(), strict=True):
-        decay, added = np.exp(-wait_s * rate), _remaining_share(steps_s * rate) * change
+    states = _uneven_states(signal, time_s, run, tuple(rates.tolist()), independent_runs)
+    return np.asarray(np.tensordot(weights, states, 1).T.reshape(signal.shape))
+
+
+@cache_by_array  # a search tries many weights of the same rates
+def _uneven_states(
+    signal: FloatArray, time_s: FloatArray, run: IntArray, rates: tuple[float, ...], independent_runs: bool
+) -> FloatArray:
+    """Relax strains (n, k) with uneven steps at each rate, (r, k, n); a run's first step is the usual one."""
+    runs, strain = _runs(time_s, run, independent_runs), signal.reshape(len(signal), -1).T
+    (steps_s, number), change = _different_steps(time_s, run), _changes(strain, runs)
+    before_s, later = np.roll(runs.pause_s, 1), runs.first_row[1:]
+    states = np.empty((len(rates), *strain.shape))
+    rows = runs.rows if np.any(np.diff(runs.first_row) < 0) else slice(None)
+    for state, rate in zip(states, rates, strict=True):
+        decay, added = np.exp(-steps_s * rate)[number], _remaining_share(steps_s * rate)[number] * change
+        decay[runs.first_row] = np.exp(-before_s * rate)
         added[:, later] -= decay[later] * strain[:, runs.last_row[:-1]]
-        memory[:, rows] += weight * _linear_recursion(decay[rows], added.T[rows]).T
-    return memory.T.reshape(signal.shape)
+        state[:, rows] = _linear_recursion(decay[rows], added.T[rows]).T
+    return states
+
+
+@cache_by_array
+def _different_steps(time_s: FloatArray, run: IntArray) -> tuple[FloatArray, IntArray]:
+    """Return the different steps (s,) [s] and each sample's number; the usual step begins a run."""
+    steps_s = np.diff(time_s, prepend=time_s[:1])
+    steps_s[block_index(run)[0]] = sample_time(time_s, run)
+    return np.unique(steps_s, return_inverse=True)
 
 
 def springpot(
@@ -146,7 +160,7 @@ class _Runs:
 
 
 @cache_by_array
-def _runs(time_s: FloatArray, run: IntArray) -> _Runs:
+def _runs(time_s: FloatArray, run: IntArray, independent_runs: bool) -> _Runs:
     parts = runs_by_time(time_s, run)
     start, stop = np.array([(part.start, part.stop) for part in parts]).T
     pause_s = np.append(time_s[start[1:]] - time_s[stop[:-1] - 1], np.inf)
@@ -155,7 +169,7 @@ def _runs(time_s: FloatArray, run: IntArray) -> _Runs:
     offset = np.append(0, pieces[:-1]) * _PIECE_LENGTH - start
     padded_index = np.empty(len(run), dtype=np.int64)
     padded_index[rows] = rows + np.repeat(offset, stop - start)
-    pause_s[pause_s < 0.0] = np.inf
+    pause_s[(pause_s < 0.0) | independent_runs] = np.inf
     return _Runs(rows, start, stop - 1, pause_s, padded_index, pieces - 1, filled)
 
 

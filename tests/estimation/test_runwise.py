@@ -1,3 +1,5 @@
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -5,6 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from scipy.signal import savgol_filter
 
+from palpate.estimation.signals import exponential_memory
 from palpate.estimation.signals.blocks import blocks, runs_by_time
 from palpate.estimation.signals.exponential_memory import low_pass, relax, springpot
 from palpate.estimation.signals.runwise import (
@@ -184,6 +187,18 @@ def test_springpot_answers_a_ramp_in_closed_form_at_uneven_times(alpha, scale_s)
     both = springpot(np.column_stack([ramp, -3.0 * ramp]), t, np.zeros(100, dtype=np.int64), alpha)
     np.testing.assert_allclose(both[:, 0], wanted, atol=1.2e-3 * wanted.max())
     np.testing.assert_allclose(both[:, 1], -3.0 * both[:, 0])
+
+
+def test_uneven_strain_is_relaxed_once_for_all_exponents(monkeypatch):
+    t, run, recursion = np.cumsum(np.geomspace(0.1, 1.0, 50)), np.zeros(50, dtype=np.int64), Mock()
+    strain = t**2
+    for array in (t, run, strain):
+        array.setflags(write=False)
+    first, again = springpot(strain, t, run, 0.3), springpot(strain.copy(), t, run, 0.4)
+    monkeypatch.setattr(exponential_memory, "_linear_recursion", recursion)
+    np.testing.assert_array_equal(springpot(strain, t, run, 0.3), first)
+    np.testing.assert_allclose(springpot(strain, t, run, 0.4), again, rtol=1e-12)
+    assert not recursion.called
 
 
 def test_bouc_wen_is_a_dahl_direction_or_a_slipping_spring():
