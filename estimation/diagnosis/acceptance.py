@@ -110,7 +110,11 @@ def accept_effects(
 
 
 def accept_forms(
-    search: Search, partial: PartiallyLinear, fit: FitResult, measurement: MeasurementModel
+    search: Search,
+    partial: PartiallyLinear,
+    fit: FitResult,
+    measurement: MeasurementModel,
+    fewest: int = 1,
 ) -> tuple[FitResult, list[FormTest]]:
     """Reduce an incomplete model to the effects whose form is known, exactly or approximately.
 
@@ -122,14 +126,16 @@ def accept_forms(
         partial: flexible laws of the kinds that account for the error, on the same blocks.
         fit: base model and effects.
         measurement: how motion and effort were measured.
+        fewest: number of effects below which the result would not be used.
 
     Returns:
-        The reduced model and a form test of each effect. The base model and no tests are returned if no form
-        is known, or if the effects improve bootstrap samples of the base model as much as the data.
+        The reduced model and a form test of each effect. The base model and no tests are returned if fewer
+        than `fewest` forms are known, or if the effects improve bootstrap samples of the base model as much
+        as the data.
     """
     added = map(fit.solution.model.effect, search.added_effects(fit))
     kinds = frozenset(effect.kind for effect in added) - {Kind.RUN_DIFFERENCES}
-    while search.added_effects(fit):
+    while len(search.added_effects(fit)) >= fewest:
         form_criteria = FormCriteria(search, partial, fit, kinds)
         tests, explained = form_criteria.tests, form_criteria.explained
         failed = [test.effect for test in tests if form_criteria.failed_by(test)]

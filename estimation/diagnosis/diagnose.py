@@ -203,11 +203,9 @@ def _extend_accepted(
     while not checks.is_complete(end) and len(accepted := search.added_effects(end)) < MOST_EFFECTS:
         possible = [candidate for candidate in search.screen(end) if candidate.possible][:_EXTENSIONS]
         needed = (each for each in map(search.with_candidate, possible) if search.is_needed(end, each))
-        tried = (
-            accept_forms(search, kinds(), search.replace_implausible(extended), checks.measurement)
-            for extended in needed
-        )
-        longer = next((pair for pair in tried if len(accepted) < len(search.added_effects(pair[0]))), None)
+        plausible, fewest = map(search.replace_implausible, needed), len(accepted) + 1
+        tried = (accept_forms(search, kinds(), each, checks.measurement, fewest) for each in plausible)
+        longer = next((pair for pair in tried if len(search.added_effects(pair[0])) >= fewest), None)
         if longer is None:
             break
         end, tests = longer

@@ -147,7 +147,7 @@ def test_channel_is_searched_reduced_and_reported(name, monkeypatch):
         "select_effects": searching,
         "analyze_kinds": lambda *_: None,
         "named_forms": lambda *_: SimpleNamespace(solution=SimpleNamespace(model=rough, parameters={})),
-        "accept_forms": lambda tried, kinds, one, measurement: (one, []),
+        "accept_forms": lambda tried, kinds, one, *_: (one, []),
         "_accept": lambda tried, one, judge, kinds: (one, []),
         "effect_without_gain": lambda one: given.get("idle", {}).get(one.end),
         "form_tests": lambda *_: [],

@@ -59,6 +59,9 @@ def test_form_is_named_beside_unexplained_error_unless_its_law_exceeds_it(incomp
     search, partial = incomplete
     end, tests = accept_forms(search, partial, reached(search, DRAG), measured(search))
     assert (end, tests) == (search.start, [])
+    # A reduced model would not be used.
+    both = accept_forms(search, partial, reached(search, RUB, DRAG), measured(search), fewest=2)
+    assert both == (search.start, [])
 
 
 def test_best_form_of_each_kind_is_identified():
