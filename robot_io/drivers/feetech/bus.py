@@ -51,6 +51,8 @@ class FeetechBus(ServoBus[FeetechFeedback]):
         # Drag per speed in counts, stall torque, and torque per count from the position to the goal.
         self._laws = list(zip(drag_nm, self._stall_nm, stiffness_nm, strict=True))
         self._half_tick_s = 0.5 / context.robot_file.control_rate_hz
+        # Oldest position that is acted on, at the end of its tick.
+        self._oldest_s = context.robot_file.limits.encoder_age_s + 2.0 * self._half_tick_s
         # Largest duty cycle of each servo, in its unit: for its torque at its speed. Those that hold stand
         # still, and may bear what the strongest servo of a joint may.
         limits, pairs = context.robot_file.limits, self._pairs
@@ -140,7 +142,8 @@ class FeetechBus(ServoBus[FeetechFeedback]):
         if self.sample is None:
             raise LifecycleError("read the servos first: a torque command starts from their positions")
         feedback, asked_at_s = self.sample
-        ahead_s = self._clock.now_s() - asked_at_s + self._half_tick_s
+        # Without newer positions the goals must not move on, because the joints would follow them.
+        ahead_s = min(self._clock.now_s() - asked_at_s, self._oldest_s) + self._half_tick_s
         counts, sent_nm, highest = [], [], tables.COUNTS_PER_REVOLUTION - 1
         shares_nm = self._pairs.split_torques(torque_nm)
         # Servos that hold come last, and get no goal.

@@ -297,6 +297,18 @@ def test_goal_of_an_old_sample_is_relative_to_the_current_joint(arm):
     assert measurement.time_s - measurement.encoder_at_s > 0.008
 
 
+def test_arm_whose_answers_are_lost_comes_to_rest(arm):
+    """Zero torque was a goal that moved on at the last known speed: up to the stops, with all the torque."""
+    arm.start()
+    assert arm.ticks(40, (0.0, 0.0, 0.8)).joint_velocity_rad_s[0] > 1.0
+    arm.inject_fault("motors", FaultKind.DROP)
+    arm.ticks(75)
+    before_rad = arm.arm.plant.world.truth().joint_position_rad
+    arm.ticks(75)
+    truth = arm.arm.plant.world.truth()
+    np.testing.assert_allclose(truth.joint_position_rad, before_rad, atol=0.01)
+
+
 CALIBRATION = {
     "shoulder_lift": {"id": 2, "drive_mode": 0, "homing_offset": -85, "range_min": 850, "range_max": 3246},
     "elbow_flex": {"id": 3, "drive_mode": 1, "homing_offset": 1020, "range_min": 0, "range_max": 4095},
