@@ -286,8 +286,11 @@ def read_jpk(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 
 
 def read_trials(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
-    """Read a text table of trials side by side; `names` are the columns of each (default `x` and `y`)."""
-    (table,) = read_text(content, options)
+    """Read a table of trials side by side; `names` are the columns of each (default `x` and `y`).
+
+    Options: `packed`: format of the table (default `text`); the others as this format takes them.
+    """
+    (table,) = READERS[options.get("packed", "text")](content, options)
     names = options.get("names", ["x", "y"])
     count = sum(name.isdigit() for name in table)
     trials: list[Columns] = []
@@ -436,14 +439,14 @@ def read_bag(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 
 
 def read_binary(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
-    """Read numbers of one type, one after the other, as the column `0`.
+    """Read numbers of one type, one after the other: `0`, `1` ...
 
     Options: `type`: of the numbers, as NumPy names it (`>i2`); `skip`: bytes ahead of them; `count`: how
-    many numbers there are (default: all to the end).
+    many numbers there are (default: all to the end); `per_row`: numbers of a row (default 1).
     """
     kind = np.dtype(options["type"])
     numbers = np.frombuffer(content, kind, options.get("count", -1), options.get("skip", 0))
-    return [{"0": numbers.astype(np.float64)}]
+    return [_named(numbers.astype(np.float64).reshape(-1, options.get("per_row", 1)), [])]
 
 
 def read_tdms(content: bytes, options: Mapping[str, Any]) -> list[Columns]:

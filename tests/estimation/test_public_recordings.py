@@ -93,6 +93,13 @@ def test_lists_of_rows_are_runs(tmp_path):
     assert table == {"time_s": [0, 1, 0, 1], "force_N": [1, 2, 7, 8], "run": [0, 0, 1, 1]}
 
 
+def test_trials_side_by_side_in_rows_of_numbers_are_runs(tmp_path):
+    np.array([[0, 7, 0, 1], [1, 8, 1, 2]], "<f4").tofile(tmp_path / "taps.bin")
+    read = {"format": "trials", "files": ["taps.bin"], "packed": "binary", "type": "<f4", "per_row": 4}
+    table = converted(tmp_path, {"time_s": "x", "force_N": "y"}, **read)
+    assert table == {"time_s": [0, 1, 0, 1], "force_N": [7, 8, 1, 2], "run": [0, 0, 1, 1]}
+
+
 def test_rows_are_sorted_by_the_column_of_their_order(tmp_path):
     (tmp_path / "map.txt").write_text("2 6\n0 4\n1 5\n")
     columns = {"time_s": "0", "force_N": "1"}
