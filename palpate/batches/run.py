@@ -169,9 +169,11 @@ def batch(
     def result(share: Sequence[str] = ()) -> BatchResult:
         table = make_table(measurements, addresses, store.table(filter(None, addresses)), failures, group)
         finished = len(set(texts(table, "measurement")))
+        progress(finished, len(measurements))  # the call before may have counted the cases of --pool
         where = {each.name: each.where for each in measurements if each.where}
-        made = BatchResult(folder, table, len(measurements), finished, common_effects=common, where=where)
-        return _write(made, share)
+        return _write(
+            BatchResult(folder, table, len(measurements), finished, common_effects=common, where=where), share
+        )
 
     try:
         failures |= _run(cases, store, cluster, progress)

@@ -5,9 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import brentq
+from scipy.special import ndtr
+from scipy.stats import chi2
 from scipy.stats import t as student_t
 
 from palpate.robot_io.types import FloatArray
+
+_NODES = 1_000  # spreads with which a further value is predicted
 
 
 @dataclass(frozen=True)
@@ -28,10 +32,9 @@ def random_effects(values: FloatArray, std_errs: FloatArray) -> RandomEffects:
     """Fit mean and spread by Paule and Mandel's estimator, with t intervals.
 
     Paule and Mandel, J. Res. NBS 87 (1982) 377; see Veroniki et al., Res. Synth. Methods 7 (2016) 55.
-    The intervals are those of Hartung and Knapp (2001), whose factor is one at this solution, and of Higgins
-    et al., J. R. Stat. Soc. A 172 (2009) 137. A few precise values may have almost all the weight; the
-    quantiles therefore use the effective number of values (Kish, Survey Sampling, 1965). The prediction
-    interval is still somewhat too short from few values (Partlett and Riley, Stat. Med. 36 (2017) 301).
+    The interval of the mean is that of Hartung and Knapp (2001), whose factor is one at this solution. A few
+    precise values may have almost all the weight; its quantile therefore uses the effective number of values
+    (Kish, Survey Sampling, 1965). The prediction interval averages over all spreads that the values allow.
 
     Args:
         values: shape (n,), n at least 1.
@@ -55,16 +58,70 @@ def random_effects(values: FloatArray, std_errs: FloatArray) -> RandomEffects:
     std_err = float(weights.sum() ** -0.5)
     freedom = max(float(weights.sum() ** 2 / (weights @ weights)) - 1.0, 1.0)
     half = float(student_t.ppf(0.975, freedom)) * std_err if count > 1 else float("nan")
-    wide = float("nan")
-    if count > 2:
-        wide = float(student_t.ppf(0.975, max(freedom - 1.0, 1.0)) * np.hypot(np.sqrt(squared), std_err))
     fixed = 1.0 / variances
     # Typical variance within a measurement (Higgins and Thompson, Stat. Med. 21 (2002) 1539).
     spare = fixed.sum() ** 2 - (fixed**2).sum()
     typical = (count - 1) * fixed.sum() / spare if spare > 0.0 else float(variances.mean())
     share = squared / (squared + typical) if squared > 0.0 else 0.0
-    interval, prediction = (mean - half, mean + half), (mean - wide, mean + wide)
+    prediction = _prediction_interval(values, variances) if count > 2 else (float("nan"), float("nan"))
+    interval = mean - half, mean + half
     return RandomEffects(count, mean, std_err, freedom, interval, squared**0.5, prediction, float(share))
+
+
+def _prediction_interval(values: FloatArray, variances: FloatArray) -> tuple[float, float]:
+    """Return the 95 % interval of the true value of a further measurement, from n > 1 values.
+
+    The weighted sum of squares around the mean has a chi-squared distribution at the true spread, which gives
+    the confidence distribution of the spread (W. Viechtbauer, Stat. Med. 26 (2007) 37). The further value is
+    predicted with each spread of this distribution (K. Nagashima et al., Stat. Methods Med. Res. 28 (2019)
+    1689), since the best spread of few values is often zero. Without standard errors this is Student's t
+    interval.
+    """
+    around = float(np.sum((values - values.mean()) ** 2)) + np.finfo(float).tiny
+    spreads = around * np.array([0.0, *np.geomspace(1e-9, 1e9, 400)])  # squared
+    fits = []
+    for spread in spreads:
+        weights = 1.0 / (variances + spread)
+        mean = weights @ values / weights.sum()
+        fits.append((weights @ (values - mean) ** 2, mean, 1.0 / weights.sum()))
+    sums, means, mean_variances = np.array(fits).T
+    drawn = chi2.ppf((np.arange(_NODES) + 0.5) / _NODES, len(values) - 1)
+    # the spread at which the sum of squares is as drawn, by the number of its place among `spreads`
+    place = np.interp(-np.log(drawn), -np.log(sums + np.finfo(float).tiny), np.arange(len(spreads)))
+    squared, mean, mean_variance = (
+        np.interp(place, np.arange(len(spreads)), each) for each in (spreads, means, mean_variances)
+    )
+    scale = np.sqrt(squared + mean_variance)
+
+    def beyond(value: float, share: float) -> float:
+        return float(np.mean(ndtr((value - mean) / scale))) - share
+
+    ends = float(np.min(mean - 9.0 * scale)), float(np.max(mean + 9.0 * scale))
+    low, high = (brentq(beyond, *ends, args=(share,)) for share in (0.025, 0.975))
+    return low, high
+
+
+def neighbor_spread_squared(values: FloatArray, std_errs: FloatArray) -> float:
+    """Estimate the variance between measurements in excess of their standard errors, from n values.
+
+    With this variance, squared differences between neighbors have on average the expected size (R. C. Paule,
+    J. Mandel, J. Res. Natl. Bur. Stand. 87 (1982) 377). One uncertain value therefore hardly counts.
+
+    Args:
+        values: series in the order of time, shape (n,).
+        std_errs: standard errors of the values, shape (n,).
+    """
+    squares, noise = np.diff(values) ** 2, std_errs[1:] ** 2 + std_errs[:-1] ** 2
+    least, most = 1e-200 + 1e-12 * float(np.mean(values**2)), 0.5 * float(np.mean(squares))
+
+    def excess(log_variance: float) -> float:
+        return float(np.mean(squares / (2.0 * np.exp(log_variance) + noise))) - 1.0
+
+    if most <= least or excess(np.log(least)) <= 0.0:
+        return least
+    if excess(np.log(most)) >= 0.0:  # by rounding, without standard errors
+        return most
+    return float(np.exp(brentq(excess, np.log(least), np.log(most))))
 
 
 def shrunk(values: FloatArray, std_errs: FloatArray, effects: RandomEffects) -> FloatArray:

@@ -1,17 +1,19 @@
 """Find steps and drifts of parameters over time that exceed the scatter between measurements."""
 
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import cache
 from itertools import pairwise
 from math import comb
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import scipy
 
+from palpate.batches.piecewise import LEAST, SIDE, PiecewiseFit
+from palpate.batches.statistics import neighbor_spread_squared
 from palpate.batches.table import BUDGET, floats, parameter_columns, texts
 from palpate.estimation.fit.intervals import SIGMAS_95
 from palpate.estimation.statistics.noise import MAD_TO_SIGMA
@@ -19,12 +21,9 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray
 
 LEVEL = 0.01  # probability of a false alarm in a whole table
-LEAST = 10  # measurements of a series that is tested
-_SIDE = 3  # measurements before and after a step
 _PERMUTATIONS = 1_000  # permutations at a time
 _MOST_VALUES = 5_000_000  # values in all permutations of one time
 _MOST_LARGER = 20  # permutations with as large a change that end the test (Besag and Clifford, 1991)
-_MOST_CHANGES = 6  # changes of one series
 _BESIDE = 2  # neighbors on each side with which a value is compared
 _ISOLATED = 8.0  # robust standard deviations from the nearest neighbor beyond which a value is left out
 _MOST_ISOLATED = 0.1  # largest share of such values
@@ -59,7 +58,7 @@ class TrendChange:
 
     kind: str  # "step" or "drift"
     first: int  # place in the series: first measurement after a step, or at which a drift begins
-    last: int  # last measurement of the change
+    last: int  # last measurement of the change: of the level after a step, which may drift on
     before: float  # value before a step, or at the beginning of a drift
     after: float  # value after a step, or at the end of a drift
     std_err: float  # standard error of the difference
@@ -200,117 +199,115 @@ def is_isolated(values: FloatArray) -> BoolArray:
 
 
 def find_changes(series: Series, level: float) -> list[TrendChange]:
-    """Find steps and drifts of a series, in order of time.
+    """Find steps and drifts of a series, in order of time; an excursion is two steps.
 
-    The largest step and the slope are tested together by permutation of the values. If the result is
-    significant, the better of the two is accepted. A step splits the series, and both parts are searched in
-    the same way (binary segmentation). The scale comes from differences between neighbors, which neither a
-    step nor a drift changes much. The sizes of all changes are then fitted jointly, and a change must exceed
-    its standard error (95 %).
+    The largest step, excursion and slope are tested together by permutation of the values (circular binary
+    segmentation, A. B. Olshen et al., Biostatistics 5 (2004) 557). A step or excursion that is significant
+    divides the series, and its parts are searched in the same way. A drift does not: steps and excursions
+    beside it are then searched. The scale comes from differences between neighbors, which neither a step nor
+    a drift changes much. `PiecewiseFit` chooses among all of these, dates them again and fits their sizes
+    jointly. A change must exceed its standard error (95 %).
 
     Args:
         series: n values.
         level: probability of a false alarm.
     """
     rng = np.random.default_rng(1)
-    changes: list[TrendChange] = []
+    borders: dict[int, float] = {}
+    slopes: dict[tuple[int, int], float] = {}
+    stepped: set[tuple[int, int]] = set()
     parts = [(0, len(series.values))]
-    while parts and len(changes) < _MOST_CHANGES:
+    while parts:
         begin, end = parts.pop()
         if end - begin < LEAST:
             continue
         part = slice(begin, end)
-        times, values, std_errs = series.times[part], series.values[part], series.std_errs[part]
-        weights = 1.0 / (_spread_squared(values, std_errs) + std_errs**2)
-        mean = weights @ values / weights.sum()
-        scaled = (values - mean) * np.sqrt(weights)
-        observed = _statistics(scaled[None], times)
-        larger = tried = 0
-        several = max(1, min(_PERMUTATIONS, _MOST_VALUES // len(scaled)))
-        while larger < _MOST_LARGER and tried < 4.0 / level:
-            shuffled = rng.permuted(np.broadcast_to(scaled, (several, len(scaled))), axis=1)
-            larger += int(np.count_nonzero(_statistics(shuffled, times).max(axis=1) >= observed.max()))
-            tried += several
-        p_value = (1 + larger) / (1 + tried)
-        if p_value > level:
-            continue
-        *steps, drift = observed[0]
-        place = begin + int(np.argmax(steps)) + _SIDE
-        if max(steps) >= drift:
-            changes.append(TrendChange("step", place, end - 1, 0.0, 0.0, 0.0, p_value))
-            parts += [(begin, place), (place, end)]
-        else:
-            changes.append(TrendChange("drift", begin, end - 1, 0.0, 0.0, 0.0, p_value))
-    while changes := _with_joint_sizes(series, sorted(changes, key=lambda change: change.first)):
-        ratios = [abs(change.after - change.before) / change.std_err for change in changes]
-        if min(ratios) > SIGMAS_95:
-            break
-        del changes[int(np.argmin(ratios))]
-    return changes
+        own = series.times[part], series.values[part], series.std_errs[part]
+        p_value, places = _largest_change(*own, level, rng, beside_slope=False)
+        if p_value <= level and not places:
+            slopes[begin, end] = p_value
+            p_value, places = _largest_change(*own, level, rng, beside_slope=True)
+        elif p_value <= level:
+            stepped.add((begin, end))
+        if p_value <= level:
+            edges = [begin, *(begin + place for place in places), end]
+            borders |= dict.fromkeys(edges[1:-1], p_value)
+            parts += pairwise(edges)
+    if not borders and not slopes:
+        return []
+    fit = PiecewiseFit(series.times, series.values, series.std_errs, borders, slopes, stepped)
+    changes = []
+    for begin, end, sloped in fit.segments:
+        if begin:
+            last = begin if sloped else end - 1
+            sizes = fit.difference(begin - 1, begin)
+            changes.append(TrendChange("step", begin, last, *sizes, fit.p_values[begin]))
+        if sloped:
+            sizes = fit.difference(begin, end - 1)
+            changes.append(TrendChange("drift", begin, end - 1, *sizes, fit.slope_p_value(begin, end)))
+    return [change for change in changes if abs(change.after - change.before) > SIGMAS_95 * change.std_err]
 
 
-def _with_joint_sizes(series: Series, changes: Sequence[TrendChange]) -> list[TrendChange]:
-    """Fit the sizes of all changes, given in order: constants or lines between the steps, weighted.
+def _largest_change(
+    times: FloatArray,
+    values: FloatArray,
+    std_errs: FloatArray,
+    level: float,
+    rng: np.random.Generator,
+    *,
+    beside_slope: bool,
+) -> tuple[float, list[int]]:
+    """Return the p-value of the largest change in n values, and the borders that it has; a drift has none."""
+    count, away = len(values), times - times.mean()
+    root = (neighbor_spread_squared(values, std_errs) + std_errs**2) ** -0.5
+    null = np.vander(away, 1 + beside_slope)  # what is there without the change
+    scaled = root * (values - null @ np.linalg.lstsq(root[:, None] * null, root * values)[0])
+    basis = np.linalg.qr(null)[0]
+    begins, ends = _stretches(count)
+    # An excursion has so many more places than a step that chance alone would make it the largest.
+    steps = np.count_nonzero(ends == count)
+    advantage = np.where(ends < count, 2.0 * np.log(max(len(ends) / steps - 1.0, 1.0)), 0.0)
+    drift = away / max(float(np.linalg.norm(away)), np.finfo(float).tiny) * (not beside_slope)
 
-    A size from one part of the series alone would contain other changes in this part.
+    known = np.pad(np.cumsum(basis, axis=0), ((1, 0), (0, 0)))
+    size = ends - begins - np.sum((known[ends] - known[begins]) ** 2, axis=1)
+
+    def statistics(scaled: FloatArray) -> FloatArray:
+        """Return squared z values (K + 1, m) of each stretch, and of a drift last, in m series (n, m)."""
+        rest = scaled - basis @ (basis.T @ scaled)
+        # Half the mean squared difference of neighbors (von Neumann, Ann. Math. Stat. 12 (1941) 367).
+        variance = 1e-200 + 0.5 * np.mean(np.diff(scaled, axis=0) ** 2, axis=0)
+        sums = np.pad(np.cumsum(rest, axis=0), ((1, 0), (0, 0)))
+        stretches = (sums[ends] - sums[begins]) ** 2 / (size[:, None] * variance) - advantage[:, None]
+        return np.vstack([stretches, (drift @ rest) ** 2 / variance])
+
+    observed = statistics(scaled[:, None])
+    larger = tried = 0
+    several = max(1, min(_PERMUTATIONS, _MOST_VALUES // len(begins)))
+    while larger < _MOST_LARGER and tried < 4.0 / level:
+        shuffled = rng.permuted(np.broadcast_to(scaled[:, None], (count, several)), axis=0)
+        larger += int(np.count_nonzero(statistics(shuffled).max(axis=0) >= observed.max()))
+        tried += several
+    best = int(np.argmax(observed))
+    borders = [int(begins[best]), int(ends[best])] if best < len(begins) else []
+    return (1 + larger) / (1 + tried), [border for border in borders if border < count]
+
+
+@cache
+def _stretches(count: int) -> tuple[np.ndarray[Any, np.dtype[np.int64]], np.ndarray[Any, np.dtype[np.int64]]]:
+    """Return begins and ends of the stretches in which n values may have another level.
+
+    Steps come first and last to the end. Excursions longer than eight have lengths and begins on a grid of an
+    eighth of their length; their borders are dated exactly later.
     """
-    times, values, count = series.times, series.values, len(series.values)
-    borders = [0, *(change.first for change in changes if change.kind == "step"), count]
-    drifting = {change.first for change in changes if change.kind == "drift"}
-    columns = np.zeros((count, 2 * len(borders) - 2))
-    for number, (begin, end) in enumerate(pairwise(borders)):
-        columns[begin:end, 2 * number] = 1.0
-        if begin in drifting:
-            columns[begin:end, 2 * number + 1] = times[begin:end] - times[begin]
-    weights = np.ones(count)
-    tiny = 1e-12 * float(np.mean(values**2))
-    for _ in range(3):  # the residual shows the scatter, and so the weights of the next fit
-        information = np.linalg.pinv(columns.T @ (weights[:, None] * columns), hermitian=True)
-        coefficients = information @ columns.T @ (weights * values)
-        scatter = _spread_squared(values - columns @ coefficients, series.std_errs)
-        weights = 1.0 / (max(scatter, tiny) + series.std_errs**2)
-    sized = []
-    for change in changes:
-        is_step = change.kind == "step"
-        before = columns[change.first - is_step]
-        after = columns[change.first] if is_step else columns[change.last]
-        std_err = float(np.sqrt((after - before) @ information @ (after - before)))
-        start, end_value = float(before @ coefficients), float(after @ coefficients)
-        sized.append(replace(change, before=start, after=end_value, std_err=std_err))
-    return sized
-
-
-def _spread_squared(values: FloatArray, std_errs: FloatArray) -> float:
-    """Estimate the variance between measurements in excess of their standard errors, from n values.
-
-    With this variance, squared differences between neighbors have on average the expected size (R. C. Paule,
-    J. Mandel, J. Res. Natl. Bur. Stand. 87 (1982) 377). One uncertain value therefore hardly counts.
-    """
-    squares, noise = np.diff(values) ** 2, std_errs[1:] ** 2 + std_errs[:-1] ** 2
-    least, most = 1e-200 + 1e-12 * float(np.mean(values**2)), 0.5 * float(np.mean(squares))
-
-    def excess(log_variance: float) -> float:
-        return float(np.mean(squares / (2.0 * np.exp(log_variance) + noise))) - 1.0
-
-    if most <= least or excess(np.log(least)) <= 0.0:
-        return least
-    if excess(np.log(most)) >= 0.0:  # by rounding, without standard errors
-        return most
-    return float(np.exp(scipy.optimize.brentq(excess, np.log(least), np.log(most))))
-
-
-def _statistics(scaled: FloatArray, times: FloatArray) -> FloatArray:
-    """Squared z values (m, places + 1) of a step at each place, and of a drift last, in m series (m, n)."""
-    count = scaled.shape[1]
-    centered = scaled - scaled.mean(axis=1, keepdims=True)
-    # Half the mean squared difference of neighbors (von Neumann, Ann. Math. Stat. 12 (1941) 367).
-    variance = 1e-200 + 0.5 * np.mean(np.diff(scaled, axis=1) ** 2, axis=1, keepdims=True)
-    places = np.arange(_SIDE, count - _SIDE + 1)
-    sums = np.cumsum(centered, axis=1)[:, places - 1]
-    steps = sums**2 * count / (places * (count - places))
-    away = times - times.mean()
-    drift = (centered @ away) ** 2 / max(float(away @ away), np.finfo(float).tiny)
-    return np.asarray(np.column_stack([steps, drift]) / variance)
+    begins = [np.arange(SIDE, count - SIDE + 1)]
+    ends = [np.full(len(begins[0]), count)]
+    length = SIDE
+    while length <= count - 2 * SIDE:
+        begins.append(np.arange(SIDE, count - SIDE - length + 1, 1 + length // 8))
+        ends.append(begins[-1] + length)
+        length += 1 + length // 8
+    return np.concatenate(begins), np.concatenate(ends)
 
 
 def least_for_step(tested: int) -> int:

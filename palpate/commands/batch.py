@@ -116,10 +116,11 @@ def batch_command(
                 progress=count_done,
             )
     except (KeyboardInterrupt, SystemExit):
-        console.stderr().print(
-            f"{counted[0]} of {counted[1]} measurements are done and in {display_path(out)}; "
-            "the same command continues from there"
-        )
+        if counted[1]:
+            console.stderr().print(
+                f"{counted[0]} of {counted[1]} measurements are done and in {display_path(out)}; "
+                "the same command continues from there"
+            )
         raise
     if len(result.errors) == result.measurements:
         name, reason = next(iter(result.errors.items()))

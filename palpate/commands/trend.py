@@ -83,10 +83,10 @@ def _update(  # noqa: PLR0917, what was typed
 ) -> bool:
     """Test all series once, print and write the changes; return whether there is any."""
     from palpate.batches.page import write_trend  # noqa: PLC0415, its libraries take a second
+    from palpate.batches.piecewise import LEAST  # noqa: PLC0415, as above
     from palpate.batches.table import TABLE, read_table  # noqa: PLC0415, as above
     from palpate.batches.trend import (  # noqa: PLC0415, as above
         DATES,
-        LEAST,
         LEVEL,
         all_series,
         find_changes,

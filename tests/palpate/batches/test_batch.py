@@ -26,7 +26,7 @@ from palpate.estimation.data.import_options import NO_OPTIONS
 from palpate.estimation.data.table import read_table
 from palpate.robot_io.errors import InputError
 from palpate.study import Study
-from palpate.sweep import ResultStore, runner
+from palpate.sweep import ResultStore, run_cases, runner
 from tests.files import saved
 from tests.palpate.cli import ROOT, as_json, assert_refused, done, run
 from tests.palpate.presses import write_presses
@@ -465,6 +465,19 @@ def test_interrupted_batch_continues_to_the_same_table(tmp_path, number):
     assert numbers(out) == numbers(whole), errors
     assert ResultStore(out / "results").finished() >= finished
     assert len(ResultStore(out / "results").finished()) == 16
+
+
+def test_interrupted_pooling_reports_finished_measurements(specimens, tmp_path, monkeypatch):
+    def screening_is_interrupted(cases, store, cluster, progress):
+        if "screen" in cases[0].parameters["options"]:
+            progress(1, len(cases))
+            raise KeyboardInterrupt
+        return run_cases(cases, store, cluster, progress)
+
+    monkeypatch.setattr("palpate.batches.run.run_cases", screening_is_interrupted)
+    result = run("batch", f"{specimens}/s*.csv", "--pool", "--out", tmp_path / "out", "--workers", 2)
+    assert result.exit_code == 130
+    assert "6 of 6 measurements are done" in result.stderr
 
 
 def test_names_that_are_no_utf8_are_rows_too(tmp_path):

@@ -48,6 +48,34 @@ def test_steps_are_dated_within_three_nights():
     assert abs(second.first - 60) <= 1
 
 
+def box(count, *sides):
+    """One between the first and second side, and between the third and fourth, else zero."""
+    return np.searchsorted(sides, np.arange(count), "right") % 2 * 1.0
+
+
+@pytest.mark.parametrize(
+    ("truth", "steps", "drifts"),
+    [
+        (10.0 * box(40, 17, 23), [17, 23], []),
+        (3.0 * box(60, 25, 35), [25, 35], []),
+        (4.0 * box(80, 20, 28, 50, 58), [20, 28, 50, 58], []),
+        (np.linspace(0.0, 9.0, 60) * (np.arange(60) < 40), [40], [(0, 39)]),
+        (np.arange(60) % 30 / 4.0, [30], [(0, 29), (30, 59)]),
+    ],
+)
+def test_excursions_and_drifts_that_end_in_a_step_are_recovered(truth, steps, drifts):
+    recovered = 0
+    for seed in range(10):
+        noise = np.random.default_rng(seed).standard_normal(len(truth))
+        changes = find_changes(series(truth + noise, np.full(len(truth), 0.1)), LEVEL / 10)
+        found = [change.first for change in changes if change.kind == "step"]
+        ends = [(change.first, change.last) for change in changes if change.kind == "drift"]
+        recovered += len(found) == len(steps) and len(ends) == len(drifts)
+        recovered -= any(abs(a - b) > 6 for a, b in zip(np.ravel(ends), np.ravel(drifts), strict=False))
+        recovered -= any(abs(a - b) > 3 for a, b in zip(found, steps, strict=False))
+    assert recovered >= 8
+
+
 @pytest.mark.parametrize("size", [0.1, 1.0, 100.0])
 def test_error_of_a_step_comes_from_the_scatter_whatever_the_size_of_the_step(size):
     rng = np.random.default_rng(8)
