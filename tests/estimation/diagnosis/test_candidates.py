@@ -27,7 +27,7 @@ from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_problem import Solution, solve_gains
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.model import Model
-from tests.estimation.presses import kelvin_voigt, maxwell, session
+from tests.estimation.presses import NOISE_N, K, kelvin_voigt, maxwell, session
 from tests.estimation.searches import PRESS, searched
 from tests.estimation.swings import DAMPING, one_way_turns, swings
 
@@ -382,3 +382,17 @@ def test_effort_that_depends_on_a_recorded_column_is_promising_before_its_refine
     fit = fit_model(scaled, model(*BASE), {})
     (found,) = screen_effects(fit, [EFFECTS["recorded_dependence"]().suited_to(scaled)], refined=0)
     assert found.held_out < fit.solution.held_out
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_each_form_is_tried_with_its_own_columns(number):
+    """Runs begin pressed: suddenly, or after a rest."""
+    air = session(1)
+    data = replace(air, position=air.position + 0.006)
+    relaxation = EFFECTS["stress_relaxation"]().suited_to(data)
+    branch = relaxation.forms()[number].columns(data, {"tau": 0.3}) @ [600.0]
+    noise = np.random.default_rng(0).normal(0.0, NOISE_N, len(data))
+    fit = fit_model(replace(data, effort=K * data.position + branch + noise), PRESS, {})
+    (candidate,) = screen_effects(fit, [relaxation])
+
+    assert candidate.search.best.model.effects[-1].form == number
