@@ -60,6 +60,7 @@ PLOT_CONFIG = {"displaylogo": False, "responsive": True, "modeBarButtonsToRemove
 _RULE, _ZERO = "rgba(128,140,155,0.22)", "rgba(128,140,155,0.6)"
 _SHADE_CELLS = 300  # number of intervals of the time axis, each shaded or not
 _BAR_PX = 40
+_CHARACTER_PX = 7.5
 RUN_TIME = "time, runs one after the other [s]"
 Place = tuple[int, int]  # row and column of a subplot
 Curve = tuple[FloatArray, FloatArray]
@@ -104,7 +105,11 @@ def error_steps_figure(channel: ChannelView) -> go.Figure:
     made = make_subplots(1, 1)
     _draw_error_steps(made, channel)
     made = styled(made, 96 + _BAR_PX * (len(channel.error_steps) + 1))
-    return made.update_layout(margin_t=40)  # there is no legend
+    # The margin has room for the longest label, which a share of a narrow window's width would not have.
+    room = _CHARACTER_PX * max(map(len, made.data[1].text))
+    reach = max(channel.noise_level, *(error for _, error in channel.error_steps))
+    made.update_xaxes(range=[0.0, reach], nticks=4, tickangle=0)
+    return made.update_layout(margin_t=40, margin_r=room)  # there is no legend
 
 
 def time_figure(channel: ChannelView) -> go.Figure:
@@ -135,7 +140,7 @@ def state_figure(channel: ChannelView) -> go.Figure:
 def map_figure(channel: ChannelView) -> go.Figure:
     """Draw mean residuals over position and velocity, of the base model and of the last stage."""
     stages, axes = channel.shown_stages, channel.axes
-    titles = [_escaped(stage.name) for stage in stages]
+    titles = [_escaped(stage.name).replace(" + ", "<br>+ ") for stage in stages]  # beside each other
     made = make_subplots(
         1, max(len(stages), 1), shared_yaxes=True, horizontal_spacing=0.03, subplot_titles=titles
     )
@@ -161,7 +166,9 @@ def map_figure(channel: ChannelView) -> go.Figure:
         made.update_xaxes(title_text=axes.position, row=1, col=column)
     made.update_yaxes(title_text=axes.velocity, row=1, col=1)
     made.update_annotations(yshift=6)
-    styled(made, 384).update_xaxes(showgrid=False, zeroline=False)
+    lines = 1 + max((title.count("<br>") for title in titles), default=0)
+    styled(made, 368 + 16 * lines).update_layout(margin_t=48 + 16 * lines)
+    made.update_xaxes(showgrid=False, zeroline=False)
     return made.update_yaxes(showgrid=False, zeroline=False)
 
 

@@ -16,7 +16,7 @@ from palpate.robot_io.session import Session
 from palpate.runs.hidden_effects import open_answer
 from palpate.workbench import elements
 from palpate.workbench.elements import heading, set_props
-from palpate.workbench.processes import RUNNING, DiagnosisProcess
+from palpate.workbench.processes import RUNNING, DiagnosisProcess, running_diagnosis
 from palpate.workbench.state import WorkbenchState
 
 _POLL_S = 0.2
@@ -54,18 +54,19 @@ class DiagnosisCard:
             self._bar = ui.linear_progress(show_value=False, value=0.0).props("instant-feedback")
             self._what = ui.label().classes("quiet")
             self._answer = ui.element("div")
+        self._judging = running_diagnosis()  # which may end before the first look at its progress
         self._running(now=False)
         ui.timer(_POLL_S, self._show_progress)
         self._show()
 
     async def start(self) -> None:
         """Diagnose the selected channel, or wait for the diagnosis that is running."""
-        state, study, name = self._state, self._state.study, self._state.choice.channel
-        while (diagnosing := state.diagnosis_process) is not None:
+        study, name = self._state.study, self._state.choice.channel
+        while (diagnosing := running_diagnosis()) is not None:
             await asyncio.sleep(_POLL_S)
-            if state.diagnosis_process is not diagnosing:
+            if running_diagnosis() is not diagnosing:
                 return
-        judge = state.diagnosis_process = DiagnosisProcess()
+        judge = DiagnosisProcess(self._subject)
         RUNNING.add(judge)
         self._show_progress()
         try:
@@ -77,17 +78,22 @@ class DiagnosisCard:
             judge.failure = str(error)
         finally:
             RUNNING.remove(judge)
-            state.diagnosis_process = None
+
+    @property
+    def _subject(self) -> str:
+        """File, channel and runs that this card diagnoses."""
+        state = self._state
+        return f"{state.study.source.name} {state.choice.channel}{state.use_of_runs}"
 
     def _show_progress(self) -> None:
-        """Show the progress of a diagnosis, even if another tab started it or the page was reloaded."""
-        before, judge = self._judging, self._state.diagnosis_process
+        """Show the progress of a diagnosis, even of another tab, of other runs, or before a reload."""
+        before, judge = self._judging, running_diagnosis()
         self._judging = judge
         if judge is not None:
-            self._what.set_text(judge.now[0])
+            other = "" if judge.subject == self._subject else f"{judge.subject}: "
+            self._what.set_text(other + judge.now[0])
             self._bar.set_value(round(judge.now[1], 2))
-        if judge is not before:
-            self._running(now=judge is not None)
+        self._running(now=judge is not None)
         if judge is None and before is not None:
             if before.failure:
                 ui.notify(before.failure, type="warning", multi_line=True)
@@ -97,8 +103,8 @@ class DiagnosisCard:
 
     def stop(self) -> None:
         """Stop the running diagnosis, if there is one."""
-        if self._state.diagnosis_process is not None:
-            self._state.diagnosis_process.stop()
+        if (judge := running_diagnosis()) is not None:
+            judge.stop()
 
     def _running(self, *, now: bool) -> None:
         self._start.set_visibility(not now)

@@ -31,9 +31,14 @@ class StoppedError(PalpateError):
 
 
 class DiagnosisProcess:
-    """Diagnosis in another process, so that the page stays responsive and can stop it."""
+    """Diagnosis in another process, so that the page stays responsive and can stop it.
 
-    def __init__(self) -> None:
+    Args:
+        subject: file, channel and runs that are diagnosed.
+    """
+
+    def __init__(self, subject: str = "") -> None:
+        self.subject = subject
         self._stop = Event()
         self.now = ("starting the process of the diagnosis", 0.0)  # current step, and the share that is done
         self.failure = ""  # reason why there is no result
@@ -89,7 +94,12 @@ class DiagnosisProcess:
             receiver.close()
 
 
-RUNNING: set[DiagnosisProcess] = set()  # diagnoses of this server
+RUNNING: set[DiagnosisProcess] = set()  # the diagnosis of this server, if there is one
+
+
+def running_diagnosis() -> DiagnosisProcess | None:
+    """Return the diagnosis that is running, of whichever file and runs."""
+    return next(iter(RUNNING), None)
 
 
 def stop_diagnoses() -> None:

@@ -20,7 +20,6 @@ from palpate.estimation.study.source import DataSource, joined, open_source
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 from palpate.study import Study
-from palpate.workbench.processes import DiagnosisProcess
 
 Value = TypeVar("Value")
 Bounds = tuple[float, float]
@@ -93,7 +92,6 @@ class WorkbenchState:
         self.study, self.source = study, source
         self.whole: WorkbenchState | None = None  # study with all runs, as the page was opened
         self.out: tuple[int, ...] = ()
-        self.diagnosis_process: DiagnosisProcess | None = None  # the running diagnosis
         self._past: deque[_Step] = deque(maxlen=_MOST_STEPS)
         self._future: list[_Step] = []
         self._moved_slider = ""  # parameter whose slider is being pulled

@@ -177,6 +177,8 @@ class TestFigures:
         shown = report.error_steps_figure(view)
         np.testing.assert_allclose(shown.data[0].x, [stage.rmse for stage in result.stages])
         assert shown.layout.shapes[0].x0 == view.noise_level
+        # the labels right of the bars need no share of a narrow window's width
+        assert shown.layout.margin.r > 6.0 * max(map(len, shown.data[1].text))
         shown = report.time_figure(result_view(result))
         names = ["measured", *("kelvin_voigt", "kelvin_voigt + cubic_stiffness") * 2]
         assert [trace.name for trace in shown.data] == names

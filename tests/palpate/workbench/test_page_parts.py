@@ -472,8 +472,9 @@ def test_diagnosis_ends_with_the_server_even_while_it_plans_an_experiment(monkey
 
 def diagnosed_state(tmp_path, outcome):
     """State whose diagnosis is `outcome`, or fails with it; what is chosen changes by itself."""
-    study = SimpleNamespace(folder=tmp_path, source=SimpleNamespace(path=tmp_path / "a.mcap"))
-    state = SimpleNamespace(study=study, diagnosis_process=None, diagnosis=None)
+    source = SimpleNamespace(path=tmp_path / "a.mcap", name="a.mcap")
+    study = SimpleNamespace(folder=tmp_path, source=source)
+    state = SimpleNamespace(study=study, diagnosis=None, use_of_runs="")
     state.choice = SimpleNamespace(channel="contact", effects=("bias",))
 
     def diagnose(channel, *, progress, judge):
@@ -509,9 +510,8 @@ def test_diagnosis_shows_its_progress_then_its_verdict_and_steps(browser, tmp_pa
                 card._show_progress()
             assert (card._what.text, card._bar.value) == ("search", 0.26)
             assert (start.visible, stop.visible, card._bar.visible) == (False, True, True)
-            assert {state.diagnosis_process} == processes.RUNNING
             card.stop()
-            assert state.diagnosis_process._stop.is_set()
+            assert processes.running_diagnosis()._stop.is_set()
 
         state.seen = seen
         await card.start()
@@ -535,6 +535,28 @@ def test_diagnosis_shows_its_progress_then_its_verdict_and_steps(browser, tmp_pa
     browser.use(work)
 
 
+def test_diagnosis_of_other_runs_is_shown_and_stopped_and_none_that_ends_early_is_missed(browser, tmp_path):
+    state, running, done = diagnosed_state(tmp_path, None), DiagnosisProcess("b.mcap contact"), []
+
+    async def work():
+        processes.RUNNING.add(running)
+        card = DiagnosisCard(state, None, lambda: done.append(True))
+        card.build()
+        card._show_progress()
+        assert browser.marked("stop").visible
+        assert card._what.text == "b.mcap contact: starting the process of the diagnosis"
+        card.stop()
+        assert running._stop.is_set()
+        card = DiagnosisCard(state, None, lambda: done.append(True))
+        card.build(lambda: None)
+        processes.RUNNING.clear()
+        state.diagnosis = diagnosis(RELAXATION)
+        card._show_progress()
+        assert done == [True]
+
+    browser.use(work)
+
+
 @pytest.mark.parametrize("is_stopped_elsewhere", [False, True])
 def test_failed_diagnosis_states_its_reason(browser, tmp_path, monkeypatch, is_stopped_elsewhere):
     monkeypatch.setattr(diagnosis_module, "_POLL_S", 0.0)
@@ -546,17 +568,18 @@ def test_failed_diagnosis_states_its_reason(browser, tmp_path, monkeypatch, is_s
         card.build()
         state.seen = lambda: None
         if is_stopped_elsewhere:  # another tab's diagnosis runs, and ends
-            state.diagnosis_process = other = DiagnosisProcess()
+            processes.RUNNING.add(other := DiagnosisProcess())
             card._show_progress()
             waiting = asyncio.create_task(card.start())
             await asyncio.sleep(0)
-            other.failure, state.diagnosis_process = "stopped; nothing was changed", None
+            other.failure = "stopped; nothing was changed"
+            processes.RUNNING.clear()
             await waiting
         else:
             await card.start()
         card._show_progress()
         assert browser.said == ["stopped; nothing was changed"]
-        assert (done, state.diagnosis_process) == ([], None)
+        assert not done
         assert not (tmp_path / RESULT).exists()
         assert not processes.RUNNING
 
