@@ -140,9 +140,12 @@ class _Loop:
             if not self._guard.tripped:  # otherwise the arm is never powered
                 self._task.start(measurement)
                 self._reference_rad = measurement.joint_position_rad  # from here the task starts
+                self._stop.check_requests()
+            if not self._guard.tripped:
                 self._robot.activate()
                 self._grid = TickGrid(self._clock.now_s() + self._period_s, self._period_s)
-                periods, ended = 1, False
+                self._stop.check_requests()  # nothing holds the arm yet, so that no safe stop is needed
+                periods, ended = 1, self._guard.tripped is not None
                 while not ended:
                     stopping = self._guard.tripped is not None
                     try:

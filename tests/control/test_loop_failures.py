@@ -149,8 +149,8 @@ def test_stall_between_ticks_stops_the_arm(where, held_s):
 
 
 def test_exception_in_stop_is_a_reason_to_stop():
-    arm = MockArm()
-    result, log = run(arm, SwingTask(), stop=raising(OSError("no such pipe")))
+    arm, task, fail = MockArm(), SwingTask(), raising(OSError("no such pipe"))
+    result, log = run(arm, task, stop=lambda: fail() if task.steps == 50 else "")
     assert result.outcome is Outcome.TRIPPED
     assert "no such pipe" in result.cause
     assert_came_to_rest(arm, log)
@@ -328,6 +328,23 @@ def test_signal_at_the_end_of_a_run_allows_no_further_run(number, when):
     assert not arm.bus.powered
 
 
+@pytest.mark.parametrize("when", ["start", "activate"])
+def test_signal_before_the_first_tick_moves_nothing(when):
+    """The arm was powered after Ctrl-C, and its weight held up for the whole safe stop."""
+    arm, task = MockArm(), SwingTask()
+    press = partial(os.kill, os.getpid(), signal.SIGINT)
+    if when == "start":
+        task.start = lambda _: press()
+    else:
+        activate = arm.robot.activate
+        arm.robot.activate = lambda: press() or activate()
+    result, log = run(arm, task)
+    assert (result.outcome, result.cause) == (Outcome.STOPPED, "interrupted by the user (SIGINT)")
+    assert log.texts("stop") == [result.cause]
+    assert (("torque", "activate") in arm.bus.calls) == (when == "activate")
+    assert (arm.sent_nm, arm.bus.powered) == ([], False)
+
+
 def test_arm_that_was_moved_during_its_activation_is_not_pulled_back():
     """The first tick had no reference: the arm was commanded to where it had been before."""
     arm, task = MockArm(), SwingTask(torque_nm=0.5)
@@ -360,7 +377,7 @@ def test_first_cause_of_a_stop_is_reported():
 @pytest.mark.parametrize("outcome", [Outcome.FINISHED, Outcome.STOPPED])
 def test_loop_runs_and_stops_on_the_monotonic_clock(outcome):
     # no torque: an arm that a busy machine leaves alone must not reach its limits
-    arm, task = MockArm(MonotonicClock(), age_limit_s=1.0), SwingTask(done_at=50, torque_nm=0.0)
+    arm, task = MockArm(MonotonicClock(), age_limit_s=10.0), SwingTask(done_at=50, torque_nm=0.0)
     if outcome is Outcome.STOPPED:
         press = partial(os.kill, os.getpid(), signal.SIGINT)
         arm.on_poll = lambda: press() if task.steps >= 20 else None
