@@ -198,22 +198,19 @@ def press_phases(
         window = min(_PHASE_SAMPLES, rows.stop - rows.start)
         smooth = np.asarray(scipy.ndimage.median_filter(direction[rows], window, mode="nearest"))
         touching = np.asarray(scipy.ndimage.median_filter(pressed[rows].astype(np.int8), 3, mode="nearest"))
-        phase[rows] = _PHASES[touching, _without_reversals(smooth, velocity[rows]) + 1]
+        # without holds that are only reversals, as of a sine
+        way, speed, parts = smooth.copy(), np.abs(velocity[rows]), list(blocks(smooth))
+        for first, rest, last in zip(parts, parts[1:], parts[2:], strict=False):
+            count = rest.stop - rest.start
+            least = max(2 * count, _PHASE_SAMPLES)
+            moves_on = min(first.stop - first.start, last.stop - last.start) >= least
+            is_turn = smooth[first.start] != smooth[last.start]
+            if smooth[rest.start] == 0 and moves_on and is_turn:
+                speed_beside = min(speed[rest.start - 1], speed[rest.stop])
+                if count < _MIN_REST or np.median(speed[rest]) > _REVERSAL_SPEED * speed_beside:
+                    way[rest] = np.sign(velocity[rows][rest])
+        phase[rows] = _PHASES[touching, way + 1]
     return phase
-
-
-def _without_reversals(direction: IntArray, velocity: FloatArray) -> IntArray:
-    """Return the direction of motion of a run, without holds that are only reversals, as of a sine."""
-    result, speed, parts = direction.copy(), np.abs(velocity), list(blocks(direction))
-    for before, rest, after in zip(parts, parts[1:], parts[2:], strict=False):
-        count = rest.stop - rest.start
-        moves_on = min(before.stop - before.start, after.stop - after.start) >= max(2 * count, _PHASE_SAMPLES)
-        is_turn = direction[before.start] != direction[after.start]
-        if direction[rest.start] == 0 and moves_on and is_turn:
-            speed_beside = min(speed[rest.start - 1], speed[rest.stop])
-            if count < _MIN_REST or np.median(speed[rest]) > _REVERSAL_SPEED * speed_beside:
-                result[rest] = np.sign(velocity[rest])
-    return result
 
 
 def _typical_size(signal: FloatArray) -> float:

@@ -64,7 +64,12 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
     if dialect is None and (column := _only_column(content)) is not None:
         return column
     if dialect is None:  # names may have quoted line breaks, as spreadsheets write them
-        content = _NAMES_IN_QUOTES.sub(_one_line, content[:_LOOKED_AT]) + content[_LOOKED_AT:]
+        # Line breaks move to the end of their row, so that later line numbers are preserved.
+        joined = _NAMES_IN_QUOTES.sub(
+            lambda cells: re.sub(rb"[ \t]*\r?\n[ \t]*", b" ", cells[0]) + b"\n" * cells[0].count(b"\n"),
+            content[:_LOOKED_AT],
+        )
+        content = joined + content[_LOOKED_AT:]
         dialect = find_dialect(content) or _raise_no_table(content, path)
     if (columns := max(len(table.names) for table in dialect.tables)) > _MAX_COLUMNS:
         raise InputError(
@@ -215,12 +220,6 @@ _ROW_OF_NUMBERS = re.compile(r" *[-+.\d][-+.,\deE]*(?: +[-+.\d][-+.,\deE]*)+")
 _ROW_END = re.compile(rb";(?=[ \t]*\r?(?:\n|$))")
 _FORTRAN = re.compile(rb"\d\.\d*[dD][-+]\d\d")  # a number of double precision, such as "1.5D+03"
 _NAMES_IN_QUOTES = re.compile(rb'(?:[^"\r\n]|"[^"]{0,1000}")+')  # one row with quoted line breaks
-
-
-def _one_line(match: re.Match[bytes]) -> bytes:
-    """Move quoted line breaks to the end of their row, so that later line numbers are preserved."""
-    cells: bytes = match.group()
-    return re.sub(rb"[ \t]*\r?\n[ \t]*", b" ", cells) + b"\n" * cells.count(b"\n")
 
 
 def _blocks(content: bytes, table: TextTable, end: int, delimiter: str) -> list[tuple[TextTable, int]]:

@@ -1,13 +1,13 @@
 """Error at motions that only one run contains: no other run determines a law there."""
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
-from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.channel import ChannelKind
 from palpate.estimation.estimate import with_unit
 from palpate.estimation.fit.fit_result import FitResult
-from palpate.robot_io.types import BoolArray
 
 _MIN_SHARE = 0.5  # least share of the squared error for it to be reported
 _MARGIN = 0.02  # distance from the range of the other runs, relative to it, from which a motion is beyond it
@@ -48,25 +48,10 @@ def extrapolation(fit: FitResult) -> Extrapolation | None:
     if len(runs) < 2 or total == 0.0:
         return None
     beyond, largest = np.zeros(len(data), dtype=np.bool_), (0.0, 0, "")
-    for run in runs:
-        own, others = scored & (data.run == run), scored & (data.run != run)
-        for where, part in _beyond(data, own, others):
-            beyond |= part
-            largest = max(largest, (float(squared[part].sum()), int(run), where))
-    share = float(squared[beyond].sum()) / total
-    if share < _MIN_SHARE:
-        return None
-    return Extrapolation(share, f"run {largest[1]}, at {largest[2]}", largest[1])
-
-
-def _beyond(data: ChannelData, own: BoolArray, others: BoolArray) -> list[tuple[str, BoolArray]]:
-    """Return the samples of one run beyond the range of the others at each end, and this range in words."""
     unit, scale = ("rad", 1.0) if data.kind.is_angle else ("mm", 1e3)
-    parts = []
-    for name, signal, unit_of_signal in (
-        ("positions", data.position, unit),
-        ("velocities", data.velocity, f"{unit}/s"),
-    ):
+    signals = ("positions", data.position, unit), ("velocities", data.velocity, f"{unit}/s")
+    for run, (name, signal, unit_of_signal) in product(runs, signals):
+        own, others = scored & (data.run == run), scored & (data.run != run)
         low, high = float(signal[others].min()), float(signal[others].max())
         lowest, highest = (with_unit(scale * end, unit_of_signal) for end in (low, high))
         margin = _MARGIN * (high - low)
@@ -75,5 +60,10 @@ def _beyond(data: ChannelData, own: BoolArray, others: BoolArray) -> list[tuple[
         if data.kind is ChannelKind.CONTACT and signal is data.position:
             words = f"depths of more than {highest}", f"depths of less than {lowest}"
             below &= signal > 0.0  # in free air the force does not depend on the distance
-        parts += list(zip(words, (above, below), strict=True))
-    return parts
+        for where, part in zip(words, (above, below), strict=True):
+            beyond |= part
+            largest = max(largest, (float(squared[part].sum()), int(run), where))
+    share = float(squared[beyond].sum()) / total
+    if share < _MIN_SHARE:
+        return None
+    return Extrapolation(share, f"run {largest[1]}, at {largest[2]}", largest[1])

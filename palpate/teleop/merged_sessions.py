@@ -64,12 +64,6 @@ class ForceComparison:
         return f"{100.0 * self.share:.2g} % rms of {len(self.real_n)} samples"
 
 
-def _duration(seconds: float) -> str:
-    """Format a duration in s or ms, to two digits."""
-    size, unit = (1.0, "s") if seconds >= 1.0 else (1e-3, "ms")
-    return f"{significant(seconds / size, seconds / size)} {unit}"
-
-
 @dataclass(frozen=True)
 class MergedSessions:
     """Both sessions, with times on the leader's clock."""
@@ -118,7 +112,9 @@ class MergedSessions:
 
     def clock_summary(self) -> str:
         """Describe the error of the common timeline; the clocks' offset itself has no meaning."""
-        error, drift = (_duration(s) for s in (0.5 * self.round_trip_s, float(np.ptp(self.exchanges[:, 1]))))
+        durations_s = 0.5 * self.round_trip_s, float(np.ptp(self.exchanges[:, 1]))
+        scaled = ((s, "s") if s >= 1.0 else (1e3 * s, "ms") for s in durations_s)
+        error, drift = (f"{significant(size, size)} {unit}" for size, unit in scaled)
         return (
             f"the follower's times are shown on the leader's clock; their offset is measured within {error} "
             f"(half the shortest round trip), and drifted by {drift} over the session"

@@ -231,9 +231,15 @@ class Guard:
         if measurement is not self._watched:
             self.watch(measurement)
         if self._trip is None:
-            problem = self._command_problem(command, dt_s)
-            if problem is not None:
-                self.trip(problem.text, problem.remedy)
+            shape, text = command.joint_torque_nm.shape, ""
+            if shape != self._shape:
+                text = f"the controller's command has shape {shape}, expected {self._shape}"
+            elif bad := [k for k in enumerate(command.joint_torque_nm.tolist(), 1) if not -inf < k[1] < inf]:
+                text = f"the controller's torque for joint {bad[0][0]} is {bad[0][1]}"
+            elif not 0 <= dt_s < inf:
+                text = f"the time step is {dt_s} s"
+            if text:
+                self.trip(text)
         if self._trip is not None:
             return self._stop(measurement, dt_s)
         previous_nm = self._previous_nm
@@ -277,17 +283,6 @@ class Guard:
         if measurement.time_s >= last_s:
             return None
         return Problem(f"time went from {last_s:.6f} s to {measurement.time_s:.6f} s")
-
-    def _command_problem(self, command: Command, dt_s: float) -> Problem | None:
-        torque_nm = command.joint_torque_nm
-        if torque_nm.shape != self._shape:
-            return Problem(f"the controller's command has shape {torque_nm.shape}, expected {self._shape}")
-        for joint, torque in enumerate(torque_nm.tolist(), 1):
-            if not -inf < torque < inf:
-                return Problem(f"the controller's torque for joint {joint} is {torque}")
-        if not 0 <= dt_s < inf:
-            return Problem(f"the time step is {dt_s} s")
-        return None
 
     def _stop(self, measurement: Measurement, dt_s: float) -> Command:
         self._stopping_s += dt_s if dt_s > 0 else inf

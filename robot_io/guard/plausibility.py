@@ -263,9 +263,19 @@ class StuckForce:
         lasted_s = self._sampled_at_s - self._since_s
         self._sampled_at_s = sampled_at_s
         if force_n != self._force_n:
-            self._learn(lasted_s >= self._time_s, measurement)
+            jump_n = force_n - self._force_n
+            self._step_n = min(self._step_n, abs(jump_n))
+            if jump_n * self._jump_n < 0.0:
+                self._noise_n += min(abs(jump_n), _MOST_STEPS * self._step_n) - self._step_n
+            row, self._row = self._row, 0
+            if lasted_s >= self._time_s:  # a long sequence at rest is no evidence about motion
+                self._rests |= self._has_moved(measurement)
+            else:
+                self._equal += row
+                self._known += row + 1
+                self._longest = max(self._longest, row)
             self._since_s, self._since_rad = sampled_at_s, measurement.joint_position_rad.tolist()
-            self._jump_n, self._force_n = force_n - self._force_n, force_n
+            self._jump_n, self._force_n = jump_n, force_n
             return None
         self._row += 1
         is_long = sampled_at_s - self._since_s >= self._time_s - 1e-9 and self._row > self._improbable_count()
@@ -279,20 +289,6 @@ class StuckForce:
         """Return whether the arm has moved since the sequence began."""
         positions_rad = zip(measurement.joint_position_rad.tolist(), self._since_rad, strict=True)
         return any(abs(now - then) > _MOVED_RAD for now, then in positions_rad)
-
-    def _learn(self, was_long: bool, measurement: Measurement) -> None:
-        """Update the statistics with the sequence that ended with this measurement."""
-        jump_n = measurement.force_n - self._force_n
-        self._step_n = min(self._step_n, abs(jump_n))
-        if jump_n * self._jump_n < 0.0:
-            self._noise_n += min(abs(jump_n), _MOST_STEPS * self._step_n) - self._step_n
-        row, self._row = self._row, 0
-        if was_long:  # a long sequence of equal samples at rest is no evidence about motion
-            self._rests |= self._has_moved(measurement)
-            return
-        self._equal += row
-        self._known += row + 1
-        self._longest = max(self._longest, row)
 
     def _improbable_count(self) -> float:
         """Return the number of consecutive equal samples that is not due to chance."""
