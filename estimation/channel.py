@@ -191,6 +191,9 @@ class ChannelData:
     # Units of the columns in the file, by quantity, such as {"displacement": "mm"}, or None if files differ.
     # Empty if unknown. The arrays are in SI units. Messages use these, and they show what was recorded.
     units: Mapping[str, str | None] = field(default_factory=dict, compare=False)
+    # SI units of "effort" and "position" where another quantity stands for them, such as {"effort": "A"} for
+    # a motor's current.
+    proxy_units: Mapping[str, str] = field(default_factory=dict, compare=False)
     # Doubts about times and motion that arose on reading the file.
     import_warnings: tuple[str, ...] = field(default=(), compare=False)
 
@@ -223,6 +226,22 @@ class ChannelData:
     def __len__(self) -> int:
         """Number of samples n."""
         return len(self.time_s)
+
+    @property
+    def effort_unit(self) -> str:
+        """Unit of the effort."""
+        return self.proxy_units.get("effort", self.kind.effort_unit)
+
+    @property
+    def position_unit(self) -> str:
+        """Unit of the position."""
+        return self.proxy_units.get("position", self.kind.position_unit)
+
+    @property
+    def inertia_unit(self) -> str:
+        """Unit of effort over acceleration."""
+        plain = f"{self.effort_unit} s^2/{self.position_unit}"
+        return plain if self.proxy_units else self.kind.inertia_unit
 
     @property
     def has_time(self) -> bool:

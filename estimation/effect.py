@@ -59,14 +59,14 @@ class Parameter:
         """Start value without prior knowledge: zero if allowed, otherwise the middle of the typical range."""
         return 0.0 if self.lower <= 0.0 <= self.upper else float(self.spread(3)[1])
 
-    def unit_of(self, kind: ChannelKind) -> str:
-        """Return the unit in a channel of the given kind, such as "N m/rad".
+    def unit_of(self, channel: ChannelKind | ChannelData) -> str:
+        """Return the unit in a channel, such as "N m/rad".
 
         Args:
-            kind: kind of the channel; it sets the units of effort, position and inertia.
+            channel: a channel, or its kind if its quantities are those of the kind.
         """
         return self.unit.format(
-            effort=kind.effort_unit, position=kind.position_unit, inertia=kind.inertia_unit
+            effort=channel.effort_unit, position=channel.position_unit, inertia=channel.inertia_unit
         )
 
     def at_bound(self, value: float) -> bool:

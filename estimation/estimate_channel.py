@@ -138,7 +138,7 @@ def _check_samples(data: ChannelData, model: Model, used: BoolArray) -> None:
         )
     if not data.effort[used].any():
         raise InputError(
-            f"channel '{data.name}': the effort is 0 {data.kind.effort_unit} in all {samples} "
+            f"channel '{data.name}': the effort is 0 {data.effort_unit} in all {samples} "
             "samples in use; was the object touched, and the sensor connected?"
         )
     for what in ("position", "velocity", "acceleration", "effort"):

@@ -184,7 +184,7 @@ class Model:
         Args:
             data: the channel.
         """
-        return tuple(p.unit_of(data.kind) for p in (*self.gains.values(), *self.inner.values()))
+        return tuple(p.unit_of(data) for p in (*self.gains.values(), *self.inner.values()))
 
     def predict(self, data: ChannelData, parameters: Parameters) -> FloatArray:
         """Return the effort predicted by the model, shape (n,).

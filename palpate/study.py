@@ -15,6 +15,7 @@ from palpate.common.files import derived_folder, existing_data, existing_file, w
 from palpate.common.user_effects import LIMIT_S, guarded, load_user_effects, place_of, try_effect, user_code
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.column_names import PROXIES, si_unit
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.design.next_experiment import NextProbe
 from palpate.estimation.diagnosis import ChannelDiagnosis
@@ -234,7 +235,7 @@ class Study(ModelStudy):
             values = {name: parameter.value for name, parameter in revision.parameters.items()}
             surface = self.channel_of(revision).data.surface
             fitted.append(FittedChannel(revision.channel, values, surface, joints))
-        _refuse_goal_error([self.channel_of(revision) for revision in chosen])
+        _refuse_other_units([self.channel_of(revision).measured for revision in chosen])
         models = (f"{item.channel} {' + '.join([item.model, *item.effects])}" for item in chosen)
         description = f"as measured in {self.source.name}: {'; '.join(models)}"
         if not any(each.is_contact for each in fitted):
@@ -297,9 +298,8 @@ class Study(ModelStudy):
         place, target = _path(path, "output"), SimulatorFormat(target)
         base = None if patch is None else existing_file(_path(patch, "patch"), "patch")
         fitted, failures = self._fitted_joints(revisions, target.value)
-        if servo_gain_nm_rad is None:
-            _refuse_goal_error(fitted)
-        else:
+        _refuse_other_units([joint.fit.data for joint in fitted], is_gain_known=servo_gain_nm_rad is not None)
+        if servo_gain_nm_rad is not None:
             if not (isfinite(servo_gain_nm_rad) and servo_gain_nm_rad > 0.0):
                 raise InputError(f"--servo-gain {servo_gain_nm_rad:g} N m/rad: must be above 0")
             for joint in fitted:
@@ -495,11 +495,20 @@ def arm_from_urdf(path: Path, tip_frame: str | None = None) -> Arm:
     return Arm(read_text(path), chosen, str(path), notes=notes, joint_names=body.joint_names)
 
 
-def _refuse_goal_error(joints: "Sequence[FittedJoint | StudyChannel]") -> None:
-    for joint in joints:
-        if joint.kind is ChannelKind.SERVO:
+def _refuse_other_units(channels: Sequence[ChannelData], *, is_gain_known: bool = False) -> None:
+    """Refuse channels in units that a simulator does not have."""
+    for data in channels:
+        for what, unit in data.proxy_units.items():
+            needed, constant, example = next(PROXIES[name] for name in PROXIES if si_unit(name) == unit)
+            turns = data.kind is ChannelKind.REVOLUTE
+            quantity = "displacement" if what == "position" else "torque" if turns else "force"
             raise InputError(
-                f"{joint.name}: is in rad of goal error, and a simulator needs N m; state the servo's gain "
+                f"{data.name}: its {what} is in {unit}, and a simulator needs {needed}; read the data with "
+                f"the {constant}, as in --unit {quantity}={example}"
+            )
+        if data.kind is ChannelKind.SERVO and not is_gain_known:
+            raise InputError(
+                f"{data.name}: is in rad of goal error, and a simulator needs N m; state the servo's gain "
                 "[N m/rad] with --servo-gain (mjcf, urdf, isaaclab, bam), or multiply goal minus position by "
                 "it and add the product as a column torque_Nm (torque_1_Nm, ... if positions are numbered)"
             )

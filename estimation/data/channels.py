@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from palpate.control.loop.tick_record import STREAM_NAME
 from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.column_names import PROXIES, si_unit
 from palpate.estimation.data.contact import STEP_COLUMN, SURFACE_COLUMN, with_surface
 from palpate.estimation.data.import_file import ImportedData, with_arm
 from palpate.estimation.data.tick_channels import checked_ticks, contact_channels, join_ticks, joint_channels
@@ -45,8 +46,8 @@ def import_streams(imported: ImportedData) -> list[tuple[Stream, Mapping[str, Ar
     """
     streams = list[tuple[Stream, Mapping[str, ArrayLike]]]()
     for channel in imported.channels:
-        unit = channel.kind.position_unit
-        units = (unit, f"{unit}/s", f"{unit}/s^2", channel.kind.effort_unit)
+        unit = channel.position_unit
+        units = (unit, f"{unit}/s", f"{unit}/s^2", channel.effort_unit)
         motion = (channel.position, channel.velocity, channel.acceleration, channel.effort)
         phase = Column("phase", "1", 1, "as in the stream of ticks; -1 where unknown", "int32")
         columns: list[tuple[Column, ArrayLike]] = [
@@ -111,7 +112,11 @@ def _imported_channel(name: str, samples: Samples) -> ChannelData:
     motion, phase = (samples["time_s"], position, velocity, acceleration), samples["phase"].astype(np.int64)
     touching = samples[_TOUCHING] != 0 if _TOUCHING in samples else None
     data = ChannelData(name, kinds[0], *motion, effort, samples["run"], phase, context, touching=touching)
-    data = replace(data, recorded=frozenset(context))
+    position_name, *_, effort_name = COLUMNS[kinds[0]]
+    stored = {column.name: column.unit for column in samples.stream.columns}
+    named = {"position": stored[position_name], "effort": stored[effort_name]}
+    proxies = {what: unit for what, unit in named.items() if unit in map(si_unit, PROXIES)}
+    data = replace(data, recorded=frozenset(context), proxy_units=proxies)
     if SURFACE_COLUMN not in samples:
         return data
     names = [column for column in (SURFACE_COLUMN, STEP_COLUMN) if column in samples]

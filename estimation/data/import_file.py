@@ -12,7 +12,16 @@ import scipy
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.assign_columns import ColumnAssignment, assign_columns, in_blocks
 from palpate.estimation.data.channel_sources import ChannelSource, channel_sources, check_options_are_used
-from palpate.estimation.data.column_names import TIME, Key, numbered, quantity_in, unit_in_name, words_of
+from palpate.estimation.data.column_names import (
+    PROXIES,
+    TIME,
+    Key,
+    numbered,
+    quantity_in,
+    si_unit,
+    unit_in_name,
+    words_of,
+)
 from palpate.estimation.data.contact import STEP_COLUMN, SURFACE_COLUMN, with_surface
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data.even_clock import note_uneven
@@ -320,7 +329,19 @@ def _make_channel(
     keys = (TIME, source.position, source.effort)
     units = {key[0]: columns.assigned[key].unit for key in keys if key in columns}
     data = ChannelData(
-        source.name, source.kind, *motion, effort, rows.run, phase, touching=both_ways, units=units
+        source.name,
+        source.kind,
+        *motion,
+        effort,
+        rows.run,
+        phase,
+        touching=both_ways,
+        units=units,
+        proxy_units={
+            what: si_unit(dimension)
+            for what, key in (("position", source.position), ("effort", source.effort))
+            if (dimension := columns.assigned[key].dimension) in PROXIES
+        },
     )
     if is_contact and SURFACE_COLUMN in columns.table.names and (rows.phase != UNKNOWN_PHASE).all():
         first, table = rows.order[0], columns.table

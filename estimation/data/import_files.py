@@ -162,8 +162,17 @@ def joined_channels(parts: Sequence[ChannelData]) -> ChannelData:
 
     Args:
         parts: the channel in each recording, at least one, in order of time.
+
+    Raises:
+        InputError: the units of the recordings differ, such as A and N m.
     """
     first = parts[0]
+    for what in ("effort_unit", "position_unit"):
+        if len(units := sorted({getattr(part, what) for part in parts})) > 1:
+            raise InputError(
+                f"channel '{first.name}': {what.removesuffix('_unit')} is in {' and '.join(units)} in "
+                "different recordings; state the constant with --unit"
+            )
     runs, count = [], 0
     for part in parts:
         runs.append(np.unique(part.run, return_inverse=True)[1] + count)

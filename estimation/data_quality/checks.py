@@ -200,7 +200,7 @@ def _corrupted(data: ChannelData) -> str | None:
 def _describe_outliers(data: ChannelData, name: str, rows: BoolArray) -> str:
     """Count the readings that are far from their neighbors, and describe the first one."""
     first, number = int(np.argmax(rows)), int(np.count_nonzero(rows))
-    unit = data.kind.effort_unit if name == "effort" else data.kind.position_unit
+    unit = data.effort_unit if name == "effort" else data.position_unit
     signal = data.effort if name == "effort" else data.position
     count = f"1 reading of the {name} is" if number == 1 else f"{number} readings of the {name} are"
     example = f"{signal[first]:.6g} {unit} at {data.time_s[first]:.6g} s"

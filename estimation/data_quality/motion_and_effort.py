@@ -296,7 +296,7 @@ def at_rest(data: ChannelData) -> str | None:
             return None
     if data.kind.is_angle and np.std(moved) > _MAX_NOISE_RAD:
         return None
-    size = f"{np.std(moved):.2g} {data.kind.position_unit}"
+    size = f"{np.std(moved):.2g} {data.position_unit}"
     return f"the position varies at random by {size}, and the effort does not follow it; record a motion"
 
 

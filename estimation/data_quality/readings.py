@@ -89,7 +89,7 @@ def saturated(data: ChannelData, model: Model | None = None) -> str | None:
         share = float(np.mean(stuck[loaded]))
         is_moving = float(np.ptp(data.position[stuck])) > _HELD_RANGE * float(np.ptp(data.position))
         if share > _STUCK_SHARE and is_moving:  # data without noise also have constant readings in a hold
-            unit = data.kind.effort_unit
+            unit = data.effort_unit
             return (
                 f"{100 * share:.0f} % of the loaded samples show {extreme:.6g} {unit}: the sensor is "
                 "saturated, and the true peak is unknown; repeat with less load or a larger range"
@@ -127,7 +127,7 @@ def stuck_in_air(data: ChannelData) -> str | None:
         return None
     return (
         f"{100 * np.mean(stuck[~data.engaged]):.0f} % of free air shows exactly {data.effort.min():.6g} "
-        f"{data.kind.effort_unit}, and no sample shows less: the sensor is at the lower end of its range. "
+        f"{data.effort_unit}, and no sample shows less: the sensor is at the lower end of its range. "
         "Such samples are left out; shift the range, or preload the sensor"
     )
 
@@ -303,7 +303,7 @@ def rectified(data: ChannelData) -> str | None:
             "no reading is below zero, but without its sign the effort does not follow the motion: it is the "
             "size of an effort that changes sign; record it with its sign"
         )
-    reason = _FOLDED.format(count=count, noise=noise, unit=data.kind.effort_unit)
+    reason = _FOLDED.format(count=count, noise=noise, unit=data.effort_unit)
     return f"{reason}; record it with its sign" if count else None
 
 
@@ -375,7 +375,7 @@ def folded(data: ChannelData) -> str | None:
     if not near.any():
         return None
     count, noise = _count_folded(_untared(data), data.run)
-    reason = _FOLDED.format(count=count, noise=noise, unit=data.kind.effort_unit)
+    reason = _FOLDED.format(count=count, noise=noise, unit=data.effort_unit)
     share = (
         f"{100 * np.mean(near):.0f} % of the samples, those below {_CLEAR:.0f} times this noise, are left out"
     )

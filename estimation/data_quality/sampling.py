@@ -186,7 +186,7 @@ def time_offset(data: ChannelData, model: Model | None) -> str | None:
     is_noise = 0.0 < error < _MAX_EXCESS * noise and recorded > _MIN_GAIN * error
     if not is_noise or np.sum(rows) * ((recorded / error) ** 2 - 1.0) < _MIN_CHI2:
         return None
-    unit, side = data.kind.effort_unit, "late" if best_s > 0.0 else "early"
+    unit, side = data.effort_unit, "late" if best_s > 0.0 else "early"
     return (
         f"the effort is {1e3 * abs(best_s):.2g} ms {side} relative to the motion: the error of "
         f"{model.name} is {with_unit(recorded, unit)} as recorded, and falls to the noise level of "

@@ -279,7 +279,7 @@ def _too_few_levels(start: FitResult) -> str | None:
     levels = np.unique(data.effort)
     if not 1 < len(levels) <= FEW_LEVELS or is_stepwise_command(data):
         return None
-    step, unit = float(np.median(np.diff(levels))), data.kind.effort_unit
+    step, unit = float(np.median(np.diff(levels))), data.effort_unit
     if start.rmse >= step:
         return None
     return (

@@ -82,7 +82,7 @@ def check_residuals(
         rng: random generator for bootstrap samples.
         complete: whether no flexible regression improves it; else only clear differences between runs count.
     """
-    unit = end.data.kind.effort_unit
+    unit = end.data.effort_unit
     heterogeneity = run_heterogeneity(end.problem.blocked, end.solution)
     if not complete and not (heterogeneity and heterogeneity.alone < _CLEARLY * end.floor()):
         return None
@@ -147,7 +147,7 @@ def differing_parameter(fit: FitResult) -> str | None:
     if errors[best] > limit or (others and errors[others[0]] < _DISTINCT * errors[best]):
         return None
     low, high = ranges[best]
-    unit = model.gains[best].unit_of(fit.data.kind) if best else fit.data.kind.effort_unit
+    unit = model.gains[best].unit_of(fit.data) if best else fit.data.effort_unit
     return f"{best or 'the zero'} ({low:.3g} to {with_unit(high, unit)})"
 
 
@@ -185,7 +185,7 @@ def _strongest_line(blocked: BlockedData, residual: FloatArray) -> tuple[float, 
 
 def _oscillation(end: FitResult) -> ResidualFinding | None:
     """Report an oscillation of the residual that exceeds the noise in free air; None without one."""
-    line, unit = periodic_component(end), end.data.kind.effort_unit
+    line, unit = periodic_component(end), end.data.effort_unit
     if line is None:
         return None
     size, remainder = np.sqrt(line[1]) * end.rmse, np.sqrt(1.0 - line[1]) * end.rmse

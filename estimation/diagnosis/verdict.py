@@ -245,7 +245,7 @@ def insufficient_diagnosis(data: ChannelData, reason: str) -> ChannelDiagnosis:
         channel=data.name,
         verdict=Verdict.INSUFFICIENT,
         reason=reason,
-        effort_unit=data.kind.effort_unit,
+        effort_unit=data.effort_unit,
         next_experiment=propose_remedial_experiment(reason, data.kind),
     )
 
@@ -269,7 +269,7 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
         shows_effect = explained >= MIN_OF_UNEXPLAINED * left
     within_bound = noise.is_bound and last.rmse <= SLOW * noise.value
     if verdict is Verdict.UNEXPLAINED and within_bound and not shows_effect:
-        unit = search.data.kind.effort_unit
+        unit = search.data.effort_unit
         reason = (
             f"{_explained_variance(evidence)}, and its whole error of {with_unit(last.rmse, unit)} may be "
             f"noise, of which only an upper bound is known ({with_unit(noise.value, unit)}); record a motion "
@@ -316,7 +316,7 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
         channel=search.data.name,
         verdict=verdict,
         reason=_reason(evidence, verdict, accepted, ranking),
-        effort_unit=search.data.kind.effort_unit,
+        effort_unit=search.data.effort_unit,
         noise_floor=noise.value,
         floor=NoiseFloor(
             value=noise.value,
@@ -423,7 +423,7 @@ def _accepted(evidence: Evidence) -> list[AcceptedEffect]:
             predicted, inner = model.without(name).predict(data, known), own_parameters(effect, known)
             value = float(effect.spread(predicted, data, inner)[0])
             error = value / float(np.sqrt(2.0 * (len(data.runs) - 1)))
-            unit = "1" if isinstance(effect, RunGain) else data.kind.effort_unit
+            unit = "1" if isinstance(effect, RunGain) else data.effort_unit
             spread = ParameterValue(value=value, std_err=error, unit=unit, at_bound=False)
         p_value = search.p_value(search.without(evidence.end, effect.name), evidence.end)
         accepted.append(
@@ -459,7 +459,7 @@ def error_decrease(accepted: Sequence[AcceptedEffect], base_rmse: float, last_rm
 def _reason(
     evidence: Evidence, verdict: Verdict, accepted: Sequence[AcceptedEffect], ranking: Sequence[RankedEffect]
 ) -> str:
-    unit, last = evidence.search.data.kind.effort_unit, evidence.stages[-1].rmse
+    unit, last = evidence.search.data.effort_unit, evidence.stages[-1].rmse
     if verdict is Verdict.ADEQUATE:
         explained = (
             ", and a flexible regression explains no more of it than of the error of data simulated from the "
@@ -518,7 +518,7 @@ def _explained_variance(evidence: Evidence) -> str:
 
 def _describe_motion_error(evidence: Evidence) -> str:
     """Describe what errors of the motion may cause of the error of a complete model."""
-    end, unit = evidence.end, evidence.search.data.kind.effort_unit
+    end, unit = evidence.end, evidence.search.data.effort_unit
     if is_mostly_smoothing(end, evidence.measurement):
         smoothing = with_unit(smoothing_error(end, evidence.measurement), unit)
         return f"; smoothing of the motion causes errors of up to {smoothing}, which may be most of the error"
@@ -537,5 +537,5 @@ def _describe_oscillation(end: FitResult) -> str:
     line = periodic_component(end) if free_air_noise(end.data) else None
     if line is None:
         return ""
-    size = with_unit(np.sqrt(line[1]) * end.rmse, end.data.kind.effort_unit)
+    size = with_unit(np.sqrt(line[1]) * end.rmse, end.data.effort_unit)
     return f"; {size} of the noise oscillates at {line[0]:.3g} Hz, also in free air"

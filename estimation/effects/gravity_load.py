@@ -103,9 +103,7 @@ class GravityTilt(AdditiveEffect):
     signature = "an error that depends only on posture, a quarter turn out of phase with gravity"
     signals = ("position", "other joints")
     channels = frozenset({ChannelKind.REVOLUTE})
-    gains: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("tilt", "{effort} per unit", -1e12, 1e12, (0.001, 5.0)),
-    )
+    gains: ClassVar[tuple[Parameter, ...]] = (Parameter("tilt", "{effort}", -1e12, 1e12, (0.001, 5.0)),)
     confused_with = {
         "bias": "move over a wide range: a bias is the same in every posture",
         "joint_spring": "fit all joints together: a tilt affects all of them; or move over a wide range",
@@ -207,8 +205,8 @@ class Pendulum(AdditiveEffect):
     signals = ("position", "acceleration")
     channels = frozenset({ChannelKind.REVOLUTE})
     gains = (
-        Parameter("inertia", "kg m^2", 0.0, 10000.0, (0.0001, 5.0)),
-        Parameter("gravity", "N m", -1e12, 1e12, (0.05, 50.0)),
+        Parameter("inertia", "{inertia}", 0.0, 10000.0, (0.0001, 5.0)),
+        Parameter("gravity", "{effort}", -1e12, 1e12, (0.05, 50.0)),
     )
     confused_with = {
         "gravity_tilt": "turn the base by a known angle",

@@ -254,7 +254,7 @@ class FitResult(TableDisplay):
             for name, p in self.parameters.items()
         ]
         names = " + ".join(effect.name for effect in self.model.effects)
-        unit = self.data.kind.effort_unit
+        unit = self.data.effort_unit
         caption = f"{names} of {self.data.name}: {with_unit(self.rmse, unit, 4)} in held-out runs"
         return DisplayTable(caption, ("parameter", "value", "95 % interval"), rows)
 

@@ -62,7 +62,7 @@ def estimate_parameters(problem: FitProblem, solution: Solution) -> dict[str, Pa
         correction = blocked.reduce(inflated - solution.model.predict(blocked.data, solution.parameters))
         errors = np.hypot(errors, _compensation(slopes, problem.whiten(correction)))
     known = {**solution.model.gains, **solution.model.inner}
-    units = {name: parameter.unit_of(problem.blocked.data.kind) for name, parameter in known.items()}
+    units = {name: parameter.unit_of(problem.blocked.data) for name, parameter in known.items()}
     largest = np.array([_largest_error(known[name], solution.parameters[name]) for name in names])
     errors = np.where(errors < largest, errors, np.nan)
     errors_by_name = dict.fromkeys(known, 0.0) | dict(zip(names, errors.tolist(), strict=True))

@@ -89,7 +89,7 @@ def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelD
             break
         block, seen = 2 * block, variation
     short = _means(moving, block)
-    rate_hz, unit = 1.0 / sample_time(data.time_s, data.run), data.kind.effort_unit
+    rate_hz, unit = 1.0 / sample_time(data.time_s, data.run), data.effort_unit
     note = f"{data.name}: {len(data):,} samples at {rate_hz:.4g} Hz{motions}"
     if block == 1:
         note += " are used as recorded"

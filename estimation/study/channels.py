@@ -111,7 +111,7 @@ class StudyChannel:
     @property
     def effort_unit(self) -> str:
         """Unit of all errors."""
-        return self.kind.effort_unit
+        return self.measured.effort_unit
 
     def __repr__(self) -> str:
         samples, runs = len(self.measured), len(self.measured.runs)

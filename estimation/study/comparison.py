@@ -132,7 +132,7 @@ def splits(data: ChannelData) -> dict[str, dict[str, BoolArray]]:
         outwards: data.velocity < -slow,
         "at rest": np.abs(data.velocity) <= slow,
     }
-    unit, effort_unit, pressed = data.kind.position_unit, data.kind.effort_unit, data.engaged
+    unit, effort_unit, pressed = data.position_unit, data.effort_unit, data.engaged
     masks_by = {
         "phase": phases,
         "run": {f"run {run}": data.run == run for run in data.runs},
@@ -299,7 +299,7 @@ def compare(fitted: FitResult, base: FitResult, model: str, noise: MeasurementNo
         model: name of the model, with the added effects.
         noise: noise of the channel.
     """
-    data, unit = fitted.data, fitted.data.kind.effort_unit
+    data, unit = fitted.data, fitted.data.effort_unit
     # Compute the error for each split that has more than one part with samples.
     parts = {}
     for by, masks in splits(fitted.data).items():

@@ -171,7 +171,7 @@ def _print_preview(
     if imported.roles != like:
         out.print(_columns(table, imported.roles))
     for channel in imported.channels:
-        unit, effort = channel.kind.position_unit, channel.kind.effort_unit
+        unit, effort = channel.position_unit, channel.effort_unit
         numbers = ("samples", "time", safe(f"position [{unit}]"), safe(f"effort [{effort}]"))
         rate = 1.0 / sample_time(channel.time_s, channel.run)
         title = f"{safe(imported.title(channel.name))}: {count(len(channel.runs), 'run')} at {rate:.4g} Hz"

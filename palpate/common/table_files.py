@@ -11,10 +11,14 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from palpate.common.files import atomic_write
+from palpate.robot_io.errors import one_line
 
 _CONTROLS = r"[\x00-\x1f\x7f\x80-\x9f]"
 _FORMULA = r"^\s*[=+@-]."
 _NUMBER = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
+
+
+NOTES = "notes"  # key of a table's metadata: lines that a CSV file begins with, after "# "
 
 
 def write_table(table: pa.Table, path: Path) -> None:
@@ -37,6 +41,8 @@ def write_table(table: pa.Table, path: Path) -> None:
                 text = _harmless(column.cast(pa.string()))
                 table = table.set_column(place, table.column_names[place], text)
         names = _harmless(pa.array(table.column_names, pa.string())).to_pylist()
+        for line in (table.schema.metadata or {}).get(NOTES.encode(), b"").decode().splitlines():
+            file.write(f"# {one_line(line)}\n".encode())
         pa.csv.write_csv(table.rename_columns(names), file)
 
 

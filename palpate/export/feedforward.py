@@ -247,7 +247,7 @@ TABLE = {{
 
 
 def feedforward(joint: int, position: float, velocity: float, acceleration: float) -> float:
-    """Effort that moves a joint, in the unit beside its row: N m, N, or rad of a servo's goal error.
+    """Effort that moves a joint, in the unit beside its row.
 
     Args:
         joint: number of the joint, from 1; KeyError for one that is not in the table.
@@ -275,8 +275,7 @@ static const struct {{
 }} feedforward_table[] = {{
 {rows}}};
 
-/* Effort that moves a joint, in the unit beside its row: N m, N, or rad of a servo's goal error; NAN for a
- * joint that is not in the table.
+/* Effort that moves a joint, in the unit beside its row; NAN for a joint that is not in the table.
  *
  * joint: its number, from 1; position q [rad, or m], velocity v and acceleration a: desired.
  */

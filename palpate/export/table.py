@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pyarrow as pa
 
+from palpate.common.table_files import NOTES
 from palpate.control.loop.task import Phase
 from palpate.estimation.data.channels import COLUMNS
 from palpate.estimation.data.contact import STEP_COLUMN, SURFACE_COLUMN
@@ -34,7 +35,7 @@ def recorded_table(path: Path, options: ImportOptions, name: str) -> pa.Table:
     """Return a session's stream or events, or a channel of any data, as a table.
 
     A wide column of a stream becomes several, numbered from 1; fields keep their units. A channel has the
-    names and units that `palpate import` takes, and no rows before run 0.
+    names and units that `palpate import` takes, no rows before run 0, and notes on how it was read.
 
     Args:
         path: session, folder of sessions, or data file.
@@ -61,18 +62,24 @@ def recorded_table(path: Path, options: ImportOptions, name: str) -> pa.Table:
         rows = [{**vars(event), "data": json.dumps(event.data)} for event in session.events]
         return pa.Table.from_pylist(rows, _EVENT_COLUMNS)
     try:
-        channels = {channel.name: channel for channel in open_source(path, options).channels}
+        source = open_source(path, options)
+        channels, notes = {channel.name: channel for channel in source.channels}, source.notes
     except InputError:
         if session is None or is_channel:
             raise
-        channels = {}  # a session of streams alone
+        channels, notes = {}, ()  # a session of streams alone
     if name not in channels:
         available = ", ".join([*streams, *(channel for channel in channels if channel not in streams)])
         raise InputError(f"{path}: has no stream or channel '{name}'. Available: {available}")
     channel = channels[name]
     motion = (channel.position, channel.velocity, channel.acceleration, channel.effort)
-    names = (_EFFORTS.get(own, own) for own in COLUMNS[channel.kind])
+    names = [_EFFORTS.get(own, own) for own in COLUMNS[channel.kind]]
+    for place, what in ((0, "position"), (3, "effort")):
+        if unit := channel.proxy_units.get(what):
+            names[place] = f"{names[place].partition('_')[0]}_{unit}"
     columns = {"time_s": channel.time_s, "run": channel.run} | dict(zip(names, motion, strict=True))
+    if "position" in channel.proxy_units:  # the import derives them again, as they have no unit of its own
+        del columns[names[1]], columns[names[2]]
     if channel.surface is not None:
         columns[SURFACE_COLUMN] = np.full(len(channel), channel.surface.position_m)
         columns[STEP_COLUMN] = np.full(len(channel), channel.position_step)
@@ -81,7 +88,7 @@ def recorded_table(path: Path, options: ImportOptions, name: str) -> pa.Table:
     known = {int(phase): phase.name.lower() for phase in Phase}
     if np.isin(channel.phase, list(known)).all():
         table = table.append_column("phase", pa.array([known[phase] for phase in channel.phase.tolist()]))
-    return table.filter(pa.array(channel.run >= 0))
+    return table.filter(pa.array(channel.run >= 0)).replace_schema_metadata({NOTES: "\n".join(notes)})
 
 
 _LEFT_OUT = {"s", "1"}  # times, and numbers without unit but for the next

@@ -88,7 +88,7 @@ def channel_view(
         noise = noise.below(min(error for _, error in fall))
     view = ChannelView(
         name=data.name,
-        axes=axes_of(data.kind),
+        axes=axes_of(data),
         time_s=concatenated_times(data),
         position=scale * data.position,
         velocity=scale * data.velocity,
@@ -102,7 +102,7 @@ def channel_view(
         parameters=parameters,
         noise_level=noise.value if noise else 0.0,
         noise_is_bound=noise is not None and noise.is_bound,
-        noise_text=noise.describe(data.kind.effort_unit) if noise else "",
+        noise_text=noise.describe(data.effort_unit) if noise else "",
         verdict=VerdictView("", ""),
         parts=compared.parts if compared is not None else {},
     )
@@ -128,16 +128,19 @@ def _as_estimate(name: str, saved: ParameterValue) -> ParameterEstimate:
     return ParameterEstimate(name, saved.unit, saved.value, std_err, saved.interval, saved.at_bound)
 
 
-def axes_of(kind: ChannelKind) -> AxisLabels:
+def axes_of(data: ChannelData) -> AxisLabels:
     """Return units for display: mm for contacts and sliding joints, rad for turning joints."""
-    unit = kind.effort_unit
-    match kind:
+    unit, position = data.effort_unit, data.position_unit
+    milli = "mm" if position == "m" else f"0.001 {position}"
+    match data.kind:
         case ChannelKind.CONTACT:
-            return AxisLabels(f"contact force [{unit}]", unit, "depth [mm]", "velocity inwards [mm/s]")
+            return AxisLabels(
+                f"contact force [{unit}]", unit, f"depth [{milli}]", f"velocity inwards [{milli}/s]"
+            )
         case ChannelKind.SERVO:
             return AxisLabels(f"goal error [{unit}]", unit, "position [rad]", "velocity [rad/s]")
         case ChannelKind.PRISMATIC:
-            return AxisLabels(f"force [{unit}]", unit, "position [mm]", "velocity [mm/s]")
+            return AxisLabels(f"force [{unit}]", unit, f"position [{milli}]", f"velocity [{milli}/s]")
     return AxisLabels(f"torque [{unit}]", unit, "position [rad]", "velocity [rad/s]")
 
 

@@ -254,7 +254,7 @@ def print_effect(console: Console, effect: Effect, example: EffectExample | None
 
 def _draw_example(example: EffectExample, width: int) -> Iterator[Text]:
     """Draw an example with characters: effort over position or velocity and, if there is room, over time."""
-    data, axes = example.data, axes_of(example.data.kind)
+    data, axes = example.data, axes_of(example.data)
     before, after = data.effort, example.effort()
     room = width - 4
     sides = 2 if room >= 2 * _NARROWEST + len(_APART) else 1

@@ -93,7 +93,7 @@ def estimates_view(estimates: ChannelEstimates, truth: Truth) -> ChannelView:
         effects=estimates.model.effects,
         equation=equation_of(estimates.model),
     )
-    unit = estimates.channel.kind.effort_unit
+    unit = estimates.channel.effort_unit
     level = f"; the noise is {estimates.noise.describe(unit)}" if estimates.noise else ""
     sentence = (
         f"{estimates.channel.name}: {estimates.model.name} by estimator {best.estimator} leaves an error "
@@ -140,7 +140,7 @@ def _one_row_an_estimator(estimates: ChannelEstimates, truth: Truth, width: int)
         heading = safe(_short_name(parameter.name)) + "\n" + safe(f"[{parameter.unit}]")
         columns += [heading, *["error"] * (parameter.name in erring)]
     if width >= _WIDE:
-        columns += ["rmse\n" + safe(f"[{estimates.channel.kind.effort_unit}]"), "cond.", "used"]
+        columns += ["rmse\n" + safe(f"[{estimates.channel.effort_unit}]"), "cond.", "used"]
     made = table("", *columns, "determined", right=columns[1:])
     for estimate in estimates.estimates:
         cells = [estimate.estimator]
@@ -204,7 +204,7 @@ def remarks(estimates: ChannelEstimates, truth: Truth) -> list[str]:
 
 
 def _remarks_on_fits(estimates: ChannelEstimates) -> Iterator[str]:
-    best, unit = estimates.best, estimates.channel.kind.effort_unit
+    best, unit = estimates.best, estimates.channel.effort_unit
     if estimates.noise is not None and estimates.misfit > POOR:
         yield (
             f"{estimates.model.name} does not describe these data: the error of {best.estimator} is "

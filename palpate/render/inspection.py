@@ -152,6 +152,6 @@ def _view(
     held = np.searchsorted(ticks["time_s"], channel.time_s) - 1
     sent = np.where(held >= 0, ticks["torque_sent_nm"][held, int(joint[1]) - 1], np.nan)
     rms = float(np.sqrt(np.nanmean((channel.effort - sent) ** 2)))
-    difference = with_unit(rms, channel.kind.effort_unit)
+    difference = with_unit(rms, channel.effort_unit)
     sentence = f"{channel.name}: measured and sent torque differ by {difference} (rms)."
     return replace(view, verdict=VerdictView("", sentence), commanded=("sent", sent))

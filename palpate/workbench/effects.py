@@ -273,7 +273,7 @@ class _Simulated:
         self._rows = self._motion.with_gaps(rows[:: max(len(rows) // _POINTS, 1)])
 
     def figure(self) -> Figure:
-        axes, traces = axes_of(self.example.data.kind), []
+        axes, traces = axes_of(self.example.data), []
         for x, place in ((self._motion.time_s, "x"), (self._motion.position, "x2")):
             for name, y, color in (
                 ("base model", self.example.data.effort, palette.BASE),
@@ -303,7 +303,7 @@ def _slider(parameter: Parameter, simulated: _Simulated, plot: Plot) -> None:
     is_gain = parameter in example.effect.gains
     low, high = (start / 10**_DECADES, start * 10**_DECADES) if is_gain and start > 0 else parameter.typical
     by_ratio = low > 0.0 and high / low > 20.0
-    unit = parameter.unit_of(example.data.kind)
+    unit = parameter.unit_of(example.data)
 
     def value(step: float) -> float:
         share = step / _STEPS

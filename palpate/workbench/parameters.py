@@ -40,7 +40,7 @@ class ErrorCard:
 
     def show(self, shown: DisplayedFit) -> None:
         """Show the error of a fit; `judge` shows whether it is good."""
-        unit, error = shown.fitted.data.kind.effort_unit, shown.fitted.rmse
+        unit, error = shown.fitted.data.effort_unit, shown.fitted.rmse
         self._number.set_content(_number(error, shown, elements.ROUGH if shown.is_rough else ""))
         self._fall.set_content(waterfall(shown.steps, shown.noise, unit))
         self._wrong.set_text("")
@@ -54,7 +54,7 @@ class ErrorCard:
         least = fit.smooth_law_error
         more = fit.rmse > NOISE * least
         is_hidden = more and fit.rmse < NOISE * shown.noise.value
-        reached = with_unit(least, fit.data.kind.effort_unit)
+        reached = with_unit(least, fit.data.effort_unit)
         comparison = f"a flexible regression reaches {reached}" if is_hidden else ""
         kind = "" if more or fit.unphysical else "fits"
         self._number.set_content(_number(fit.rmse, shown, comparison, kind))
@@ -70,11 +70,11 @@ class ErrorCard:
         self._wrong.set_text("")  # applies to the fit only
         self._number.set_content(_number(error, shown, "at these values"))
         steps = (*shown.steps, ("moved sliders", error))
-        self._fall.set_content(waterfall(steps, shown.noise, shown.fitted.data.kind.effort_unit))
+        self._fall.set_content(waterfall(steps, shown.noise, shown.fitted.data.effort_unit))
 
 
 def _number(error: float, shown: DisplayedFit, what: str = "", kind: str = "") -> str:
-    noise, unit = shown.noise, shown.fitted.data.kind.effort_unit
+    noise, unit = shown.noise, shown.fitted.data.effort_unit
     times = error / noise.value if noise.value > 0.0 else math.inf
     at_noise = times < NOISE and not shown.is_incomplete
     beside = f"{'≥ ' * noise.is_bound}{times:.1f} × noise level"
@@ -184,7 +184,7 @@ class Parameters:
         """Write a parameter's value and 95 % interval, and the fitted value beside a moved slider."""
         assert self._shown is not None  # noqa: S101, set by `show`
         fitted, choice = self._shown.fitted, self._shown.choice
-        unit = {**fitted.model.gains, **fitted.model.inner}[name].unit_of(fitted.data.kind)
+        unit = {**fitted.model.gains, **fitted.model.inner}[name].unit_of(fitted.data)
         estimate = self._estimates.get(name)
         number = value = rounded(fitted.values[name], 4)
         text = "± …"

@@ -47,7 +47,7 @@ class DrawnMotion:
             data: the channel, n samples.
             runs: numbers of the runs to draw; empty for all.
         """
-        axes = axes_of(data.kind)
+        axes = axes_of(data)
         scale = _MILLI if "mm" in axes.position else 1.0
         return cls(
             data, tuple(runs), axes, concatenated_times(data), scale * data.position, scale * data.velocity

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 from xml.etree import ElementTree
 
 import numpy as np
@@ -347,6 +348,37 @@ def test_channel_is_imported_again_unchanged(probed, tmp_path):
             assert found["std_err"] == pytest.approx(known["std_err"], rel=0.01)
     told = run("export", probed[0], "--stream", "contact", "-o", file, "--force")
     assert next_commands(told) == [["import", str(file)]]
+
+
+def test_effort_without_a_constant_keeps_its_unit(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    data = swings(3)
+    columns = {"time [s]": data.time_s, "run": data.run, "position [rad]": data.position}
+    path = write_table(tmp_path / "swing.csv", **columns, **{"Current [mA]": 1e3 * data.effort})
+    done("import", path, "-o", "swing.mcap")
+    done("export", path, "--stream", "joint_1", "-o", "joint.csv")
+    assert (tmp_path / "joint.csv").read_text().startswith("# column 'Current [mA]' is a current used as")
+    for source in (path, tmp_path / "swing.mcap", tmp_path / "joint.csv"):
+        study = Study(source, "pendulum", keep=False)
+        units = {name: each.unit for name, each in study.fit("joint_1").parameters.items()}
+        assert units["pendulum.gravity"] == study.channel().effort_unit == "A", source
+        assert (units["pendulum.inertia"], units["viscous_friction.d"]) == ("A s^2/rad", "A s/rad")
+        study.export_feedforward(tmp_path / "ff.yaml")
+        assert "effort_unit: A\n" in (tmp_path / "ff.yaml").read_text()
+        study.add("coulomb_friction")
+        for export in (study.export, partial(study.export_simulator, target="isaaclab")):
+            with pytest.raises(InputError, match=r"its effort is in A, and .*0\.5Nm/A"):
+                export(tmp_path / "refused")
+
+
+def test_strain_and_stress_are_exported_as_such(tmp_path):
+    strain = np.linspace(0.0, 0.1, 200)
+    path = write_table(tmp_path / "pull.csv", **{"strain [mm/mm]": strain, "stress [kPa]": 9.0 * strain})
+    done("export", path, "--stream", "contact", "-o", tmp_path / "contact.csv")
+    for source in (path, tmp_path / "contact.csv"):
+        (contact,) = Study(source, keep=False).source.channels
+        np.testing.assert_allclose(contact.effort, 9e3 * strain)
+        assert (contact.effort_unit, contact.position_unit) == ("Pa", "strain")
 
 
 def test_default_output_is_in_the_results_folder(session):
