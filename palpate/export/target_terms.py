@@ -31,6 +31,7 @@ class TargetTerm:
 
     values: Callable[[FitSummary], Mapping[str, float]]  # the target's values by name; those of effects add
     lost: str = ""  # what of the effect the target does not express
+    none: str = ""  # why the target has no values for these parameters, and what to do by hand
 
 
 Terms = Mapping[str, TargetTerm | str]  # by effect; a text says why the target has no term
@@ -115,7 +116,7 @@ TABLE: Mapping[SimulatorFormat, Terms] = {
         "cubic_stiffness": named(cubic="k3"),
         "delay": TargetTerm(
             lambda p: {"sensor_delay_s": p["time"]} if p["time"] > 0.0 else {},
-            "if it is negative, the motion is late: set a delay of the actuator by hand",
+            none="is negative, so the motion is late: set a delay of the actuator by hand",
         ),
         TILT_OF_ARM: TargetTerm(lambda p: {f"{key}_rad": angle for key, angle in p.items()}),
         "joint_elasticity": "needs a second body behind a spring",
@@ -271,7 +272,8 @@ def express(
         rotors: inertia [kg m^2] of each joint's rotor that is in the base model; empty for none.
     """
     targets, left_out = list[TargetJoint](), list[str]()
-    arm: dict[str, tuple[float, TermValue, str]] = {}  # half interval, value, channel
+    # half interval, value, and what is doubtful about it
+    arm: dict[str, tuple[float, TermValue, list[str]]] = {}
     for joint in sorted(joints, key=lambda each: each.number):
         own: dict[str, TermValue] = {}
         lost = list[str]()
@@ -287,6 +289,9 @@ def express(
                 lost += ["; ".join([f"'{effect}' {term}", *fitted])] * bool(term)
                 continue
             numbers = term.values({name: each.value for name, each in parameters.items()})
+            doubts = [f"{effect}.{line}" for line in _doubts(term, parameters)]
+            if not numbers:
+                lost.append("; ".join([f"'{effect}' {term.none}", *fitted]))
             for key, number in numbers.items():
                 if key not in OF_ARM:
                     before = own.get(key, TermValue(0.0, ()))
@@ -300,22 +305,32 @@ def express(
                 if key in arm and (once := f"{once}smallest interval") not in lost:
                     lost.append(once)
                 if key not in arm or rank < arm[key][0]:
-                    arm[key] = (rank, TermValue(number, fitted), joint.name)
+                    arm[key] = (rank, TermValue(number, fitted), [f"{joint.name}: {line}" for line in doubts])
             if term.lost:
                 lost.append(f"'{effect}': {term.lost}")
-            for name, each in parameters.items():
-                low, high = each.interval
-                is_known = isfinite(low) and isfinite(high)
-                if name not in _SHAPES and not (is_known and (low > 0.0 or high < 0.0)):
-                    doubt = "its interval includes zero" if is_known else "the data do not determine it alone"
-                    lost.append(f"{effect}.{name} {_shown(each)} is exported, but {doubt}")
+            lost += doubts if OF_ARM.isdisjoint(numbers) else []
         if "asymmetric_friction" in joint.by_effect:  # its viscous part alone may be negative
             own |= {key: replace(own[key], number=max(own[key].number, 0.0)) for key in own.keys() & _PASSIVE}
         name = names[joint.number - 1] if joint.number <= len(names) else joint.name
         targets.append(TargetJoint(joint.name, name, own, tuple(lost)))
         left_out += [f"{joint.name}: {line}" for line in lost]
+    left_out += dict.fromkeys(line for _, _, doubts in arm.values() for line in doubts)
     whole = {key: value for key, (_, value, _) in arm.items()}
     return TargetArm(source, tuple(targets), whole, tuple(left_out))
+
+
+def _doubts(term: TargetTerm, parameters: Mapping[str, ParameterEstimate]) -> list[str]:
+    """Return a line for each used parameter whose interval is unknown or includes zero."""
+    known, lines = {name: each.value for name, each in parameters.items()}, list[str]()
+    for name, each in parameters.items():
+        low, high = each.interval
+        is_known = isfinite(low) and isfinite(high)
+        changed = known | {name: each.value * (1.0 + 1e-6) + 1e-12}
+        is_used = name not in _SHAPES and term.values(changed) != term.values(known)
+        if is_used and not (is_known and (low > 0.0 or high < 0.0)):
+            doubt = "its interval includes zero" if is_known else "the data do not determine it alone"
+            lines.append(f"{name} {_shown(each)} is exported, but {doubt}")
+    return lines
 
 
 def _reason_left_out(effect: str) -> str:

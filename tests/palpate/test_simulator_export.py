@@ -151,6 +151,26 @@ def test_both_angles_of_a_tilt_are_those_of_the_most_certain_joint():
     assert "inverse dynamics" in express(joints, TERMS, "swing.csv").left_out[0]
 
 
+def test_only_parameters_in_the_file_are_said_to_be_exported():
+    def joint(number, **effects):
+        made = {
+            effect: {k: ParameterEstimate(k, "u", v, 1.0, (v - 2.0, v + 2.0)) for k, v in values.items()}
+            for effect, values in effects.items()
+        }
+        return SimpleNamespace(name=f"joint_{number}", number=number, by_effect=made)
+
+    stribeck = {"coulomb": 0.5, "rise": 0.4, "speed": 0.3, "transition": 0.01}
+    servo = joint(1, stribeck_friction=stribeck, delay={"time": -0.01})
+    lines = express([servo], TABLE[SimulatorFormat.MJCF], "").left_out
+    assert [line.split()[1] for line in lines if "is exported" in line] == ["stribeck_friction.coulomb"]
+    (late,) = (line for line in lines if "'delay'" in line)
+    assert "the motion is late" in late
+    assert "delay.time -0.01 u" in late
+    pair = [joint(1, payload={"mass": 0.2}), joint(2, payload={"mass": 0.1})]
+    arm = express(pair, TABLE[SimulatorFormat.MJCF], "")
+    assert sum("is exported" in line for line in arm.left_out) == 1
+
+
 @pytest.mark.parametrize("base", [6.3, 9.5])
 def test_viscosity_is_the_same_in_all_formats_however_the_fit_splits_it(base):
     """Only the sum of the base model's viscosity and that of the two directions is known."""
