@@ -1,12 +1,13 @@
 """Compare two measurements, or two models of one measurement: mutual predictions and differences."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from palpate.estimation.channel import ChannelData
+from palpate.estimation.effects.contact_geometry import ContactOffset
 from palpate.estimation.estimate import DisplayTable, ParameterEstimate, TableDisplay
 from palpate.estimation.fit.intervals import SIGMAS_95
 from palpate.estimation.fit.measurement_noise import NoiseSource, rows_before_contact
@@ -36,6 +37,8 @@ _SAME_MOTION = 0.1  # largest relative difference of two motions that count as e
 _MAX_REPEATED = 1.2  # ratio to the noise above which few samples do not excuse a difference
 # Least change of the effort by a parameter's difference that is reported, in noise levels.
 _MIN_NOISE_LEVELS = 0.05
+_OFFSET = f"{ContactOffset.name}.offset"  # from the surface that was detected in the same measurement
+_SURFACE = "surface.position"  # the same along the press direction, which measurements share
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +63,18 @@ class ComparedModel:
 
     @property
     def parameters(self) -> Mapping[str, ParameterEstimate]:
-        """Parameters by "effect.parameter"; empty if nothing was fitted."""
-        return {} if self.compared is None else self.compared.parameters
+        """Parameters by "effect.parameter"; empty if nothing was fitted.
+
+        An offset from a detected surface becomes the position of the surface along the press direction. Its
+        standard error is that of the offset, because an error of the detected surface cancels in the sum.
+        """
+        known = {} if self.compared is None else self.compared.parameters
+        if (surface := self.data.surface) is None or _OFFSET not in known:
+            return known
+        offset = known[_OFFSET]
+        low, high = (surface.position_m + end for end in offset.interval)
+        placed = replace(offset, name=_SURFACE, value=surface.position_m + offset.value, interval=(low, high))
+        return {_SURFACE if name == _OFFSET else name: known[name] for name in known} | {_SURFACE: placed}
 
     @property
     def residual(self) -> FloatArray:
@@ -158,6 +171,11 @@ class ParameterDifference:
         return SIGMAS_95 * float(np.hypot(self.first.std_err, self.second.std_err))
 
     @property
+    def is_coordinate(self) -> bool:
+        """Whether the value counts from an arbitrary zero, so that its ratio to another one means nothing."""
+        return self.name in {_OFFSET, _SURFACE}
+
+    @property
     def differs(self) -> bool | None:
         """Whether the difference is significant and changes the effort; None if there is no interval."""
         if not np.isfinite(self.half):
@@ -193,7 +211,7 @@ class PairedComparison(TableDisplay):
                 first.get(name),
                 second.get(name),
                 self.is_same_data,
-                self._paired_errors.get(name),
+                self._paired_errors.get(_OFFSET if name == _SURFACE else name),
                 self._noise_levels_of(name),
             )
             for name in dict.fromkeys([*first, *second])
@@ -235,11 +253,12 @@ class PairedComparison(TableDisplay):
     def _noise_levels_of(self, name: str) -> float:
         """Return the change of the effort by a parameter's difference, in noise levels; inf if unknown."""
         a, b = self.first.compared, self.second.compared
-        if a is None or b is None or not {name} <= a.parameters.keys() & b.parameters.keys():
+        values, others = self.first.parameters, self.second.parameters
+        if a is None or b is None or name not in values or name not in others:
             return float("inf")
-        model = a.fitted.model
-        slope = self._slopes[a.fitted.scored, [*model.gains, *model.inner].index(name)]
-        change = abs(b.parameters[name].value - a.parameters[name].value) * float(np.sqrt(np.mean(slope**2)))
+        model, own = a.fitted.model, _OFFSET if name == _SURFACE else name
+        slope = self._slopes[a.fitted.scored, [*model.gains, *model.inner].index(own)]
+        change = abs(others[name].value - values[name].value) * float(np.sqrt(np.mean(slope**2)))
         floor = max(a.noise.value, b.noise.value)
         return change / floor if floor > 0.0 else float("inf")
 

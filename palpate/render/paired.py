@@ -146,8 +146,9 @@ def _compare_parameters(sides: PairedComparison, *, lacks_effects: bool) -> Iter
     for difference in known:
         if difference.differs:
             share, first = "", difference.first
-            # a share of a value that may be zero is only noise
-            if first is not None and (first.interval[0] > 0.0 or first.interval[1] < 0.0):
+            # a share of a value that may be zero is only noise, and a coordinate's zero is arbitrary
+            is_share = first is not None and (first.interval[0] > 0.0 or first.interval[1] < 0.0)
+            if first is not None and is_share and not difference.is_coordinate:
                 rounded = float(f"{_TO_PERCENT * difference.value / abs(first.value):.2g}")
                 share = f" ({rounded:+z.6g} %)"
             size = f"{difference_text(difference)} {difference.unit}{share}"

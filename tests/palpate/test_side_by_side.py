@@ -12,8 +12,10 @@ from palpate.estimation.estimate import ParameterEstimate
 from palpate.estimation.study.paired_comparison import ParameterDifference, compare_pairs
 from palpate.render.paired import _compare_parameters
 from palpate.study import Study
+from tests.palpate import synthetic
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 from tests.palpate.presses import NOISE_N, press_columns, write_presses, write_table
+from tests.palpate.sessions import synthetic_session
 
 
 def law(stiffness):
@@ -94,6 +96,25 @@ def test_slow_deviation_below_the_noise_is_no_repetition(soft, again, tmp_path):
     assert not any(one.differs for one in found.differences)
     assert found.difference_in_noise < 1.2
     assert not found.repeats
+
+
+def test_surface_of_two_sessions_is_compared_as_a_position(tmp_path, monkeypatch):
+    """Each session's offset counts from the surface detected in it, which hides that the object moved."""
+    near = synthetic_session(tmp_path / "near.mcap")
+    monkeypatch.setattr(synthetic, "SURFACE_M", synthetic.SURFACE_M - 0.002)
+    studies = [
+        Study(each, "kelvin_voigt", keep=False) for each in (near, synthetic_session(tmp_path / "far.mcap"))
+    ]
+    (pair,) = compare_pairs(*studies, ("near", "far"))
+    found = {one.name: one for one in pair.differences}
+    assert "contact_offset.offset" not in found
+    place = found["surface.position"]
+    assert place.first.value == pytest.approx(-0.12, abs=2e-5)  # along the press, which points downwards
+    assert place.value == pytest.approx(0.002, abs=2.0 * place.half)
+    assert place.half < 3e-5
+    assert place.differs
+    (said,) = (words for words in _compare_parameters(pair, lacks_effects=False) if "surface" in words)
+    assert "%" not in said
 
 
 def test_common_model_error_cancels_in_paired_differences(tmp_path):
