@@ -134,6 +134,7 @@ _JOINT_COLUMNS = {*_SHARED_COLUMNS, "torque_measured_nm", "torque_at_s", "force_
 USED_COLUMNS = {*_CONTACT_COLUMNS, *_JOINT_COLUMNS, *_COLUMNS_BY_STATUS, "time_s"}
 _SAME_PLACE_M = 0.005  # largest distance across the press direction between contacts at one place
 _SAME_DIRECTION = np.cos(np.radians(2.0))
+_FREE_SIDEWAYS = 3.0  # ratio to the travel across in free air up to which no press is taken for tilted
 _CONTACT_MARGIN_S = 0.05  # time before and after a certain contact in which there may also be contact
 _MIN_CONTACT_SAMPLES = 20  # least number of samples in contact for an estimate
 
@@ -182,10 +183,10 @@ def contact_channels(ticks: Samples, *, tared: bool) -> tuple[ChannelData, ...]:
     good = _valid_ticks(ticks, "encoder_status", "force_status") & (ticks["run"] != NO_RUN)
     chosen = ticks.select(good, _CONTACT_COLUMNS)
     contacts = find_contacts(chosen["force_n"], chosen["run"], chosen["phase"])
+    pressed = [contact for contact in contacts if len(contact.rows) >= _MIN_CONTACT_SAMPLES]
+    tilted = [_is_tilted(contact, chosen, chosen[DIRECTION][0]) for contact in pressed]
     places: list[tuple[FloatArray, list[Contact]]] = []  # center of each place, and the contacts there
-    for contact in contacts:
-        if len(contact.rows) < _MIN_CONTACT_SAMPLES or _is_tilted(contact, chosen, chosen[DIRECTION][0]):
-            continue
+    for contact in (contact for contact, is_tilted in zip(pressed, tilted, strict=True) if not is_tilted):
         first = contact.rows[0]
         direction, tip = chosen[DIRECTION][first], chosen["tip_position_world_m"][first]
         center = tip - (tip @ direction) * direction
@@ -195,8 +196,16 @@ def contact_channels(ticks: Samples, *, tared: bool) -> tuple[ChannelData, ...]:
         else:
             touches.append(contact)
     names = ["contact"] if len(places) == 1 else [f"contact_{number}" for number in range(1, len(places) + 1)]
+    warning = (
+        f"{sum(tilted)} of {len(tilted)} presses have another direction than the first, which is taken as "
+        "the normal of the surface: their forces and the joint torques meanwhile are not used"
+    )
     return tuple(
-        _contact_channel(name, chosen, touches, tared=tared)
+        replace(
+            _contact_channel(name, chosen, touches, tared=tared),
+            sideways=min(_sideways(chosen, contact) for contact in touches),
+            import_warnings=(warning,) * any(tilted),
+        )
         for name, (_, touches) in zip(names, places, strict=True)
     )
 
@@ -271,6 +280,21 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
 def _is_tilted(contact: Contact, ticks: Samples, normal: FloatArray) -> bool:
     """Return whether a press with samples in contact had another direction than the surface's normal."""
     return bool(ticks[DIRECTION][contact.rows[0]] @ normal < _SAME_DIRECTION)
+
+
+def _sideways(ticks: Samples, contact: Contact) -> float:
+    """Return the travel across the press direction relative to the depth; 0 if it is as large in free air."""
+    first, length = contact.rows[0], len(contact.rows)
+    direction = ticks[DIRECTION][first]
+    before = np.flatnonzero(ticks["run"][:first] == contact.run)[-length:]
+    travels_m = []
+    for rows in (before, contact.rows):
+        tip_m = ticks["tip_position_world_m"][rows] - ticks["tip_position_world_m"][rows[:1]]
+        along_m = tip_m @ direction
+        across_m = np.linalg.norm(tip_m - along_m[:, None] * direction, axis=1)
+        travels_m.append((float(along_m.max(initial=0.0)), float(across_m.max(initial=0.0))))
+    (_, in_air_m), (deepest_m, across_m) = travels_m
+    return across_m / deepest_m if deepest_m > 0.0 and across_m > _FREE_SIDEWAYS * in_air_m else 0.0
 
 
 def _valid_ticks(ticks: Samples, *status_columns: str) -> BoolArray:

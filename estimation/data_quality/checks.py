@@ -241,6 +241,7 @@ _REJECTED: tuple[tuple[str, _Check], ...] = (  # kind and check, in the order us
     ("enough", sampling.no_shared_depth),
     ("units", motion_and_effort.mistaken_times),
     ("excitation", motion_and_effort.no_contact),
+    ("excitation", motion_and_effort.tilted),
     ("readings", readings.too_coarse),
     ("readings", readings.rectified),
 )

@@ -12,6 +12,8 @@ from palpate.estimation.statistics.least_squares import solve
 from palpate.estimation.statistics.noise import MAD_TO_SIGMA
 from palpate.robot_io.types import FloatArray
 
+SLID = "slid along the surface"  # part of the reason for tilted presses
+_MAX_SIDEWAYS = 0.1  # ratio to the depth, at whose angle a stiffness along the tool is 1 % too small
 _MAX_DEPTH_M = 0.2  # a deeper indentation means a wrong unit
 _MAX_SLOPE_N_M = 1e7
 _MIN_SLOPE_N_M = 1e-2
@@ -188,6 +190,24 @@ def no_contact(data: ChannelData) -> str | None:
             f"--unit force={opposite} reverses the force"
         )
     return None
+
+
+def tilted(data: ChannelData) -> str | None:
+    """Report presses of a probing session along which the tip slides on the surface; None without them.
+
+    If a press is tilted from the normal of a smooth surface, the force pushes the tip along the surface, and
+    the force over the depth along the tool falls with the square of the cosine of the tilt.
+
+    Args:
+        data: the channel.
+    """
+    if data.sideways <= _MAX_SIDEWAYS:
+        return None
+    return (
+        f"in every press, the tip moved across the press direction by at least {100.0 * data.sideways:.0f} % "
+        f"of its depth, but not in free air: it {SLID}, whose normal is another direction; press along "
+        "the normal (press_direction_world of the plan)"
+    )
 
 
 def late_touch(data: ChannelData) -> str | None:

@@ -256,7 +256,10 @@ def _source_of_file(path: Path, options: ImportOptions) -> DataSource:
         from palpate.estimation.study import sessions  # noqa: PLC0415, needs the MCAP library
 
         (first, *more), channels = sessions.read_folder(path)
-        return DataSource(path.name, channels, sessions.arm_of(first), path, first, more=tuple(more))
+        notes = _warnings_of(channels)
+        return DataSource(
+            path.name, channels, sessions.arm_of(first), path, first, notes=notes, more=tuple(more)
+        )
     if path.is_dir():
         return _source_of_import(path.name, import_files(files, options), path)
     if not is_session(path):
@@ -270,8 +273,12 @@ def _source_of_file(path: Path, options: ImportOptions) -> DataSource:
 
     session, channels = sessions.read_session(path, runs or "")
     cut_off = "the session is cut off: results use only the data written before that"
-    notes = (cut_off,) if session.truncated else ()
+    notes = (*_warnings_of(channels), *([cut_off] if session.truncated else []))
     return DataSource(path.name, channels, sessions.arm_of(session), path, session, notes=notes)
+
+
+def _warnings_of(channels: Sequence[ChannelData]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(warning for channel in channels for warning in channel.import_warnings))
 
 
 def _as_arrow(data: Any) -> pa.Table:  # noqa: ANN401

@@ -14,6 +14,7 @@ from palpate.control.loop.tick_record import STREAM_NAME
 from palpate.control.probing.plan import ProbingPlan
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.tick_channels import DIRECTION, contact_channels, joint_channels
+from palpate.estimation.data_quality.motion_and_effort import SLID
 from palpate.estimation.design.discrimination import (
     EQUIVALENT,
     Experiment,
@@ -234,6 +235,8 @@ def _remedy(
     if any(item.verdict is not Verdict.INSUFFICIENT for item in judged):
         return None
     first = judged[0]
+    if SLID in first.reason:  # all candidates press in the same wrong direction
+        return None
     setting = "force_limit_n" if FEW_READINGS in first.reason else "repeats"
     for candidate, ticks in feasible(study, progress):
         duration_s = float(ticks["time_s"][-1])

@@ -10,6 +10,7 @@ from palpate.control.loop.task import Phase
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.data.contact import contact_rows, find_contacts
 from palpate.estimation.data.tick_channels import contact_channels, join_ticks, joint_channels
+from palpate.estimation.data_quality import reject_reason
 from palpate.estimation.estimate_channel import fitting_rows
 from palpate.estimation.study.estimates import estimate_with
 from palpate.render.estimates import remarks
@@ -188,6 +189,18 @@ def test_contact_ignores_presses_in_another_direction():
     (alone,) = contact_channels(straight, tared=False)
     assert of_both.name == "contact"
     np.testing.assert_array_equal(of_both.effort, alone.effort)
+    assert of_both.import_warnings[0].startswith("3 of 6 presses have another direction than the first")
+    assert not alone.import_warnings
+
+
+def test_contact_of_tilted_presses_alone_is_not_judged():
+    """The tip of a session slides along x by a share of its depth, or moves so in free air already."""
+    truth = recorded()
+    depth_m = np.maximum(truth.true_along_m - SURFACE_M, 0.0)
+    wobble_m = 0.3 * (truth.true_along_m - SURFACE_M)
+    for across_m, is_tilted in ((0.3 * depth_m, True), (0.05 * depth_m, False), (wobble_m, False)):
+        (found,) = contact_channels(ticks(truth, 0.4 + across_m), tared=False)
+        assert ("slid along the surface" in (reject_reason(found) or "")) is is_tilted
 
 
 def test_late_force_sample_is_aligned_with_the_torque():
