@@ -44,7 +44,7 @@ class Stiffness(AdditiveEffect):
     gains = (Parameter("k", "{effort}/{position}", 0.0, 1e12, (10.0, 2e4)),)
     elastic = ("k",)
     confused_with = {
-        "cubic_stiffness": "press to several depths: a linear spring has the same slope everywhere",
+        "cubic_stiffness": "move to several positions: a linear spring has the same slope everywhere",
         "contact_offset": "press to several depths from a known surface",
     }
 

@@ -220,7 +220,7 @@ class Backlash(MotionEffect):
         "loaded_backlash": "reverse with the load to one side: the link then stays on one side of the gap",
         "hysteresis": "reverse slowly at several loads: a gap is crossed in position, a hysteresis in effort",
         "coulomb_friction": "reverse slowly",
-        "joint_elasticity": "press against a stop: a spring yields in proportion, a gap by a fixed amount",
+        "joint_elasticity": "push against a stop: a spring yields in proportion, a gap by a fixed amount",
     }
 
     def move(self, data: ChannelData, inner: Inner) -> ChannelData:

@@ -195,8 +195,8 @@ class Saturation(SensorEffect):
     inner = (Parameter("limit", "{effort}", 1e-15, 1e9, (0.1, 100.0), log=True),)
     start_multiples = {"limit": ("largest_effort", (0.55, 0.7, 0.8, 0.88, 0.94, 0.97, 0.99))}
     confused_with = {
-        "layered_stiffness": "press less: readings below the limit are correct",
-        "cubic_stiffness": "press less: readings below the limit are correct",
+        "layered_stiffness": "load it less: readings below the limit are correct",
+        "cubic_stiffness": "load it less: readings below the limit are correct",
     }
     linear = False
 

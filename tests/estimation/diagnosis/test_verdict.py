@@ -348,6 +348,11 @@ def test_experiments_for_joints_name_no_device_that_a_joint_lacks():
     kinds = sorted({effect.kind for effect in EFFECTS.values() if not JOINTS.isdisjoint(effect.channels)})
     for pair in combinations(kinds, 2):
         assert not re.search(r"force sensor|\bpress\b", separating_experiment(*pair)), pair
+    joints = {name: effect for name, effect in EFFECTS.items() if not JOINTS.isdisjoint(effect.channels)}
+    for name, effect in joints.items():
+        if not name.startswith("force_"):  # those are of arms with a force sensor
+            hints = {rival: hint for rival, hint in effect.confused_with.items() if rival in joints}
+            assert not re.search(r"force sensor|\bpress\b|\btouch\b", " ".join(hints.values())), (name, hints)
 
 
 @pytest.mark.parametrize(
