@@ -44,26 +44,27 @@ _EQUATIONS = {
         "+ dry_friction * tanh(v / t.friction_transition)",
     ),
 }
-# Values of a joint without these terms; lengths in rad (m for a linear axis), efforts in N m (N).
-_NONE = {
-    "gravity_sine": 0.0,  # [effort]
-    "gravity_cosine": 0.0,  # [effort]
-    "spring_stiffness": 0.0,  # [effort/length]
-    "spring_preload": 0.0,  # [effort]
-    "inertia": 0.0,  # [kg m^2 or kg]
-    "armature": 0.0,  # of the rotor, not part of the load [kg m^2 or kg]
-    "viscous": 0.0,  # [effort s/length]
-    "quadratic": 0.0,  # [effort s^2/length^2]
-    "friction_level": 0.0,  # [effort]
-    "friction_rise": 0.0,  # at low speed [effort]
-    "friction_speed": 1.0,  # over which the rise is gone [length/s]
-    "friction_sine": 0.0,  # variation with position [effort]
-    "friction_cosine": 0.0,  # [effort]
-    "friction_cycles": 0.0,  # [1/length]
-    "friction_load": 0.0,  # friction per load
-    "friction_link_share": 1.0,  # share of the inertia in the load
-    "friction_transition": 1.0,  # speed over which the friction changes sign [length/s]
+# Values of a joint without these terms, with their units: effort and length are those of the joint.
+_FIELDS = {
+    "gravity_sine": (0.0, "effort"),
+    "gravity_cosine": (0.0, "effort"),
+    "spring_stiffness": (0.0, "effort/length"),
+    "spring_preload": (0.0, "effort"),
+    "inertia": (0.0, "effort s^2/length"),
+    "armature": (0.0, "effort s^2/length, of the rotor, not part of the load"),
+    "viscous": (0.0, "effort s/length"),
+    "quadratic": (0.0, "effort s^2/length^2"),
+    "friction_level": (0.0, "effort"),
+    "friction_rise": (0.0, "effort, at low speed"),
+    "friction_speed": (1.0, "length/s, over which the rise is gone"),
+    "friction_sine": (0.0, "effort, variation with position"),
+    "friction_cosine": (0.0, "effort"),
+    "friction_cycles": (0.0, "1/length"),
+    "friction_load": (0.0, "friction per load"),
+    "friction_link_share": (1.0, "share of the inertia in the load"),
+    "friction_transition": (1.0, "length/s, speed over which the friction changes sign"),
 }
+_NONE = {name: value for name, (value, _) in _FIELDS.items()}
 _OF_ARM = "depends on all joints of the arm: add the inverse dynamics of its URDF"
 TERMS: Terms = {
     "armature": named(armature="inertia"),
@@ -202,6 +203,7 @@ def write_feedforward(
         "source": source,
         "notes": list(notes),
         "equations": equations,
+        "units": {name.replace("_", ".", 1): unit for name, (_, unit) in _FIELDS.items()},
         "joints": table,
         "left_out": left_out,
     }
@@ -209,8 +211,8 @@ def write_feedforward(
     lines = [as_comment(line) for line in about]
     py_lines = (f"    {name} = (\n{_lines(parts)}\n    )\n" for name, parts in _EQUATIONS.items())
     c_lines = (f"        double {name} =\n{_lines(parts)};\n" for name, parts in _EQUATIONS.items())
-    names = "".join(f"    {name}: float\n" for name in _NONE)
-    fields = "".join(f"    double {name};\n" for name in _NONE)
+    names = "".join(f"    {name}: float  # {unit}\n" for name, (_, unit) in _FIELDS.items())
+    fields = "".join(f"    double {name}; /* {unit} */\n" for name, (_, unit) in _FIELDS.items())
     texts = {
         path: yaml.safe_dump(content, sort_keys=False, width=100, allow_unicode=True),
         path.with_suffix(".py"): _PYTHON.format(
@@ -239,6 +241,8 @@ from typing import NamedTuple
 
 
 class Terms(NamedTuple):
+    """Effort is in the unit beside the row of a joint; length is rad, or m for a linear axis."""
+
 {names}
 
 # By number of the joint
@@ -266,6 +270,7 @@ _C = """/* Feedforward effort of joints, written by palpate export from {source}
 #include <math.h>
 #include <stddef.h>
 
+/* Effort is in the unit beside the row of a joint; length is rad, or m for a linear axis. */
 struct feedforward_terms {{
 {names}}};
 

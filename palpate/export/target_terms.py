@@ -8,7 +8,7 @@ from math import isfinite
 
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.effects import EFFECTS
-from palpate.estimation.estimate import ParameterEstimate
+from palpate.estimation.estimate import ParameterEstimate, text_with_unit
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.kinds import Kind
 
@@ -350,7 +350,7 @@ def _reason_left_out(effect: str) -> str:
 def _shown(parameter: ParameterEstimate) -> str:
     low, high = parameter.interval
     known = f"95 %: {low:.4g} to {high:.4g}" if isfinite(low) and isfinite(high) else "no interval"
-    return f"{parameter.value:.5g} {parameter.unit} ({known})"
+    return f"{text_with_unit(f'{parameter.value:.5g}', parameter.unit)} ({known})"
 
 
 def as_comment(text: str) -> str:

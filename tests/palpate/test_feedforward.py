@@ -205,12 +205,15 @@ def friction_by_place(q, v, a):
 def test_law_of_position_velocity_and_load_is_in_all_three_files(law, effects, tmp_path):
     study = Study(swings(4, law, runs=6), "pendulum")
     study.add(*effects)
-    study.export_feedforward(tmp_path / "ff.yaml")
+    used = study.export_feedforward(tmp_path / "ff.yaml").used
+    assert not any(" 1 (95 %" in line for line in used)  # a number without unit
     feedforward = function_of(tmp_path)
     compiled = c_function_of(tmp_path) if shutil.which("cc") else feedforward
     rng = np.random.default_rng(2)
     table = yaml.safe_load((tmp_path / "ff.yaml").read_text())
     values = dict(vars(np), fabs=np.abs)
+    for section, _, own in (name.partition(".") for name in table["units"]):
+        assert own in table["joints"]["joint_1"][section] if own else section in table["joints"]["joint_1"]
     for name, value in table["joints"]["joint_1"].items():
         values[name] = SimpleNamespace(**value) if isinstance(value, dict) else value
     errors = []
