@@ -10,7 +10,7 @@ models, Biometrika 62 (1975) 57). `RivalModels.predicted_leads` computes it with
 `RivalModels.simulated_leads` simulates the noise and refits all models with their inner parameters.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -165,6 +165,18 @@ def separated_names(names: Sequence[str], lead: FloatArray) -> list[str]:
         if row.any():
             return [name, *(other for other, is_apart in zip(names, row, strict=True) if is_apart)]
     return []
+
+
+def separated_pairs(names: Sequence[str], leads: Iterable[FloatArray]) -> set[frozenset[str]]:
+    """Return the pairs of rivals that at least one of several experiments separates.
+
+    Args:
+        names: names of the rivals.
+        leads: expected leads between them in each experiment, shape (r, r).
+    """
+    apart = [(lead > SMALL) | (lead.T > SMALL) for lead in leads]
+    pairs = zip(*np.nonzero(np.any(apart, axis=0)), strict=True) if apart else ()
+    return {frozenset((names[first], names[second])) for first, second in pairs}
 
 
 EQUIVALENT = 0.9  # ratio to the best experiment's lead above which experiments are equivalent

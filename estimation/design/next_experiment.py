@@ -3,7 +3,7 @@
 The proposals here vary a recorded motion. For a probing arm, `palpate.planning.next_probe` plans new motions.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -133,6 +133,22 @@ class NextProbe:
     proposal: NextExperiment  # the experiment in the form used by a diagnosis
     reason: str  # reason for the choice
     channels: tuple[str, ...]  # channels about which it gives information
+    # Pairs of models that at least one experiment of the arm separates; None if they were not compared.
+    separated: Collection[frozenset[str]] | None = None
+
+
+def varied_motions(fits: Mapping[str, FitResult], data: ChannelData) -> list[Experiment]:
+    """Return the changes of the recorded motion with the expected separation of rival models by each.
+
+    Args:
+        fits: fit of each rival model, by name of the effect in which they differ.
+        data: the recorded channel.
+    """
+    rivals = RivalModels.of(list(fits.values()))
+    return [
+        Experiment(instruction, duration_s, (rivals.predicted_leads(changed),))
+        for instruction, duration_s, changed in _candidate_motions(data)
+    ]
 
 
 def propose_varied_motion(fits: Mapping[str, FitResult], data: ChannelData) -> NextExperiment | None:
@@ -142,13 +158,7 @@ def propose_varied_motion(fits: Mapping[str, FitResult], data: ChannelData) -> N
         fits: fit of each rival model, by name of the effect in which they differ; the accepted one first.
         data: the recorded channel.
     """
-    rivals = RivalModels.of(list(fits.values()))
-    choice = choose_experiment(
-        [
-            Experiment(instruction, duration_s, (rivals.predicted_leads(changed),))
-            for instruction, duration_s, changed in _candidate_motions(data)
-        ]
-    )
+    choice = choose_experiment(varied_motions(fits, data))
     if choice is None:
         return None
     names = separated_names(list(fits), choice.experiment.leads[0])

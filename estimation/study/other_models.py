@@ -1,12 +1,17 @@
 """Other models: undecided rivals, and base models or independent runs that fit a measurement better."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 
-from palpate.estimation.design.discrimination import SMALL
-from palpate.estimation.design.next_experiment import NO_PROBE, NO_VARIED_MOTION, propose_known_experiment
+from palpate.estimation.design.discrimination import SMALL, separated_pairs
+from palpate.estimation.design.next_experiment import (
+    NO_PROBE,
+    NO_VARIED_MOTION,
+    propose_known_experiment,
+    varied_motions,
+)
 from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.estimation.diagnosis.candidates import applicable_effects, is_misnamed, screen_effects
 from palpate.estimation.diagnosis.result import AcceptedEffect, FitSummary, stage_numbers
@@ -119,14 +124,8 @@ def state_inseparable(
         is_arm: whether the experiments of an arm were examined, not changes of the recorded motion.
     """
     settled = keep_simplest_rivals(study, channel, diagnosis)
-    before, after = (
-        [name for entry in item.accepted for name in _candidates(entry)] for item in (diagnosis, settled)
-    )
     statement = NO_PROBE if is_arm else NO_VARIED_MOTION
-    if dropped := dict.fromkeys(name for name in before if name not in after):
-        statement = (
-            f"laws that contain a simpler one are left out ({', '.join(dropped)}), because {statement}"
-        )
+    statement = _describe_dropped(diagnosis, settled, statement) or statement
     open_entry = next((entry for entry in settled.accepted if entry.confused_with), None)
     following = None
     if open_entry is not None and not is_arm:
@@ -135,21 +134,62 @@ def state_inseparable(
     return settled.model_copy(update={"next_experiment": following, "no_experiment": statement})
 
 
+def _describe_dropped(before: ChannelDiagnosis, after: ChannelDiagnosis, reason: str) -> str:
+    """State the explanations that were dropped; empty if there are none."""
+    names, left = (
+        [name for entry in item.accepted for name in _candidates(entry)] for item in (before, after)
+    )
+    dropped = dict.fromkeys(name for name in names if name not in left)
+    words = f"laws that contain a simpler one are left out ({', '.join(dropped)}), because {reason}"
+    return words if dropped else ""
+
+
+def drop_inseparable(
+    study: StudyFits,
+    channel: StudyChannel,
+    diagnosis: ChannelDiagnosis,
+    separated: Collection[frozenset[str]] | None = None,
+) -> ChannelDiagnosis:
+    """Drop explanations that no experiment separates from a simpler one that they contain.
+
+    The experiment that separates other explanations stays.
+
+    Args:
+        study: the measurement and its fits.
+        channel: the channel with its base model.
+        diagnosis: the diagnosis of that channel, with an experiment for other explanations.
+        separated: pairs of models that an experiment of the arm separates; None to compare changes of the
+            recorded motion.
+    """
+    reason = NO_PROBE
+    if separated is None:
+        separated, reason = set(), NO_VARIED_MOTION
+        for models in rivals_of(study, channel, diagnosis):
+            leads = (experiment.leads[0] for experiment in varied_motions(models, channel.data))
+            separated |= separated_pairs([*models], leads)
+    settled = keep_simplest_rivals(study, channel, diagnosis, separated)
+    reason = f"{reason.removesuffix('the explanations')}the two"  # other explanations can be separated
+    return settled.model_copy(update={"no_experiment": _describe_dropped(diagnosis, settled, reason)})
+
+
 def keep_simplest_rivals(
-    study: StudyFits, channel: StudyChannel, diagnosis: ChannelDiagnosis
+    study: StudyFits,
+    channel: StudyChannel,
+    diagnosis: ChannelDiagnosis,
+    separated: Collection[frozenset[str]] = (),
 ) -> ChannelDiagnosis:
     """Remove rivals that contain a simpler one.
 
-    The function applies if no feasible experiment separates the rivals, so that a law cannot be distinguished
-    from a simpler law of the same kind that it contains. Other rivals remain undecided. A law is simpler if
-    it has fewer parameters, or equally many and depends on fewer signals; for example, Coulomb friction is
-    simpler than presliding friction. A composite effect and its parts are the same law, so that neither is
-    simpler.
+    It applies to rivals that no feasible experiment separates, so that a law cannot be distinguished from a
+    simpler law of the same kind that it contains. Other rivals remain undecided. A law is simpler if it has
+    fewer parameters, or equally many and depends on fewer signals; for example, Coulomb friction is simpler
+    than presliding friction. A composite effect and its parts are the same law, so that neither is simpler.
 
     Args:
         study: the measurement and its fits.
         channel: the channel with its base model.
         diagnosis: the diagnosis of that channel.
+        separated: pairs of models that an experiment separates, by the names of their effects.
     """
     known = {effect.name: effect for effect in study.effects}
     for place in range(len(diagnosis.accepted)):
@@ -167,7 +207,12 @@ def keep_simplest_rivals(
                 models[rival] = study.fit(channel, effects).training_fit
         kept: list[str] = []
         for name in sorted(models, key=lambda name: (_size(models[name].model), len(known[name].signals))):
-            simpler = [rival for rival in kept if _is_simpler(models, rival, name)]
+            simpler = [
+                rival
+                for rival in kept
+                if _is_simpler(models, rival, name)
+                and frozenset(" + ".join(rivals[each]) for each in (rival, name)) not in separated
+            ]
             effect, fit = models[name].model.effect(name), models[name]
             is_other = bool(simpler) and is_misnamed(effect, fit.solution, fit.problem)
             if not is_other and not any(_contains(models, name, rival) for rival in simpler):

@@ -32,7 +32,7 @@ from palpate.estimation.study.estimates import (
     only_runs,
 )
 from palpate.estimation.study.fits import StudyFits
-from palpate.estimation.study.other_models import is_undecided, state_inseparable
+from palpate.estimation.study.other_models import drop_inseparable, is_undecided, state_inseparable
 from palpate.estimation.study.results import (
     ChannelResult,
     ModelStage,
@@ -168,9 +168,14 @@ class ModelStudy(StudyFits):
             if probe is not None and entry.channel in probe.channels:
                 planned = {"next_experiment": probe.proposal, "no_experiment": ""}
                 settled.append(entry.model_copy(update=planned))
+                if probe.separated is not None and is_undecided(entry):
+                    channel = self.channel(entry.channel)
+                    settled[-1] = drop_inseparable(self, channel, settled[-1], probe.separated)
             elif is_undecided(entry) and is_inseparable:
                 channel = self.channel(entry.channel)
                 settled.append(state_inseparable(self, channel, entry, is_arm=can_plan))
+            elif not can_plan and entry.next_experiment is not None and entry.next_experiment.separates:
+                settled.append(drop_inseparable(self, self.channel(entry.channel), entry))
             else:
                 settled.append(entry)
         return settled

@@ -21,6 +21,7 @@ from palpate.estimation.design.discrimination import (
     RivalModels,
     choose_experiment,
     separated_names,
+    separated_pairs,
 )
 from palpate.estimation.design.next_experiment import (
     FEW_READINGS,
@@ -112,8 +113,8 @@ def next_probe(
     # Only models of joints predict anything about other places of the object and other directions.
     is_joint_open = any(question.channel.kind is not ChannelKind.CONTACT for question in open_questions)
     offered = feasible(study, progress, processes=processes, elsewhere=is_joint_open)
-    single = _planned(offered, ran, study, open_questions, longest_s)
-    single = [design.expected(open_questions) for design in single[:FITTED]]
+    predicted = _planned(offered, ran, study, open_questions, longest_s)
+    single = [design.expected(open_questions) for design in predicted[:FITTED]]
     # Pairs that are more informative than any single experiment, the most informative pairs first.
     most = max((design.experiment.separation for design in single), default=0.0)
     both_tell = [
@@ -140,7 +141,11 @@ def next_probe(
         probe=candidate.settings,
     )
     channels = tuple(dict.fromkeys(channel for channel, _ in separated))
-    return NextProbe(candidate.plan, proposal, choice.reason, channels)
+    apart = [
+        separated_pairs(question.names, [design.experiment.leads[number] for design in (*predicted, *every)])
+        for number, question in enumerate(open_questions)
+    ]
+    return NextProbe(candidate.plan, proposal, choice.reason, channels, set[frozenset[str]]().union(*apart))
 
 
 def can_plan(study: ModelStudy) -> bool:

@@ -112,6 +112,23 @@ def test_law_that_contains_the_stated_one_is_no_reason_for_an_experiment():
     assert "laws that contain a simpler one are left out (power_law_stiffness)" in found.no_experiment
 
 
+def test_law_that_contains_the_stated_one_is_dropped_beside_an_experiment_for_another():
+    data = session(4, lambda t, x, v, run: kelvin_voigt(x, v) + 3e6 * x**3)
+    pressed = ModelStudy((data,), "kelvin_voigt")
+    names = ["cubic_stiffness", "power_law_stiffness", "exponential_stiffness"]
+    channel = pressed.channel("contact")
+    fits = {name: pressed.fit(channel, [name]).training_fit for name in names}
+    varied = propose_varied_motion(fits, channel.data)
+    assert varied.separates == ["cubic_stiffness", "exponential_stiffness"]
+    changed = {"channel": "contact", "next_experiment": varied}
+    entry = _diagnosis_of((names[0], names[1:])).model_copy(update=changed)
+    (found,) = pressed.settle([entry], None)
+    assert [(one.effect, one.confused_with) for one in found.accepted] == [(names[0], names[2:])]
+    assert found.next_experiment == varied
+    assert "left out (power_law_stiffness)" in found.no_experiment
+    assert found.no_experiment.endswith("no change of the recorded motion is expected to separate the two")
+
+
 @pytest.mark.parametrize("is_arm", [True, False])
 def test_arm_proposes_no_experiment_that_it_found_useless(study, monkeypatch, is_arm):
     """A recording keeps the experiment that the library states, which is no change of its motion."""
