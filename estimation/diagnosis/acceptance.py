@@ -6,6 +6,7 @@ comparison includes flexible laws of the other kinds (`palpate.estimation.diagno
 """
 
 from collections.abc import Callable, Iterator
+from functools import cache
 from itertools import pairwise
 from statistics import NormalDist
 
@@ -137,10 +138,12 @@ def accept_forms(
     kinds = frozenset(effect.kind for effect in added) - {Kind.RUN_DIFFERENCES}
     while len(search.added_effects(fit)) >= fewest:
         form_criteria = FormCriteria(search, partial, fit, kinds)
-        tests, explained = form_criteria.tests, form_criteria.explained
-        failed = [test.effect for test in tests if form_criteria.failed_by(test)]
-        if failed:
-            fit = search.without(fit, min(failed, key=lambda name: explained[name]))
+        tests = sorted(form_criteria.tests, key=lambda test: test.explained_by_effect)
+        failing = (test.effect for test in tests if form_criteria.failed_by(test))
+        if len(tests) == fewest and any(failing):
+            break
+        if failed := list(failing):
+            fit = search.without(fit, min(failed, key=form_criteria.explained))
             continue
         alternatives = [form for test in tests for form in similar_forms(search, fit, test.effect).values()]
         better = [form for form in alternatives if search.is_sensible(form) and search.is_better(form, fit)]
@@ -153,7 +156,7 @@ def accept_forms(
         if not better:
             if not improvement_test(search.start, fit, measurement, search.rng).is_significant:
                 break
-            return _with_weight(search, partial, fit, measurement) or (fit, tests)
+            return _with_weight(search, partial, fit, measurement) or (fit, form_criteria.tests)
         fit = min(better, key=lambda alternative: alternative.solution.held_out)
     return search.start, []
 
@@ -164,7 +167,7 @@ class FormCriteria:
     def __init__(
         self, search: Search, partial: PartiallyLinear, fit: FitResult, kinds: frozenset[Kind] = frozenset()
     ) -> None:
-        """Test the form of each effect, and determine the error that it explains.
+        """Test the form of each effect.
 
         Args:
             search: the search that led to the model.
@@ -174,13 +177,9 @@ class FormCriteria:
         """
         self._search, self._partial, self._fit = search, partial, fit
         self.tests = form_tests(partial, fit, kinds)
-        remaining = cross_validated_error(fit.problem, fit.solution)
         count = max(int(fit.problem.used.sum()), 1)
-        self.explained = dict[str, float]()  # mean square that each effect removes [effort^2]
-        for test in self.tests:
-            reduced = search.without(fit, test.effect)
-            without = cross_validated_error(reduced.problem, reduced.solution)
-            self.explained[test.effect] = (without - remaining) / count
+        self._left = cross_validated_error(fit.problem, fit.solution) / count
+        self.explained = cache(self._explained)
         effects = [fit.solution.model.effect(test.effect) for test in self.tests]
         budget = partial.budget_with(frozenset(map(partial.kind_of, effects)))
         self._entries = {entry.kind: entry for entry in budget.entries}
@@ -188,7 +187,7 @@ class FormCriteria:
         self._unexplained = max(fit.rmse**2 - noise**2, 0.0)  # mean square above the noise [effort^2]
         # Whether the effects jointly leave as little error as the laws of all relevant kinds, and little of
         # the total error.
-        share_left = remaining / count / partial.budget.base**2
+        share_left = self._left / partial.budget.base**2
         self._is_as_good = share_left <= min(partial.budget.unexplained / AS_GOOD, 1.0 - MOST_OF_LAW)
         # An effect that explains less than a flexible regression of the residual may imitate the residual.
         base, flexible = search.start.held_out_mean_square, fit.flexible.explained / count
@@ -196,6 +195,12 @@ class FormCriteria:
         # A clear effect is larger than the noise, or than a small share of the base model's error.
         self._smallest = min(noise**2, SMALL * base)
         self._unnamed = max(self._unexplained, flexible)
+
+    def _explained(self, name: str) -> float:
+        """Return the mean square that an effect removes [effort^2]."""
+        reduced = self._search.without(self._fit, name)
+        without = cross_validated_error(reduced.problem, reduced.solution)
+        return without / max(int(self._fit.problem.used.sum()), 1) - self._left
 
     def failed_by(self, test: FormTest) -> str:
         """Return the first criterion that an effect does not meet, as a clause; empty if it meets all.
@@ -210,12 +215,13 @@ class FormCriteria:
         )
         if self._is_clear(test) and not may_be_zero:
             return ""
-        size = self.explained[test.effect]
+        size = self.explained(test.effect)
         if size < self._least:
             return "it explains too little compared with the error that remains"
         # Two forms of one kind can imitate almost any third form.
-        kinds = {effect.name: effect.kind for effect in self._fit.solution.model.effects}
-        if any(kinds[n] is kinds[test.effect] and other > size for n, other in self.explained.items()):
+        kind_of = {effect.name: effect.kind for effect in self._fit.solution.model.effects}
+        rivals = [other.effect for other in self.tests if kind_of[other.effect] is kind_of[test.effect]]
+        if any(self.explained(rival) > size for rival in rivals):
             return "another effect of the same kind explains more"
         if may_be_zero:
             return "the interval of its size contains zero"
@@ -237,7 +243,7 @@ class FormCriteria:
         """Return whether an effect explains most of the error above the noise that is left without it."""
         # Then no other effect can explain this error in its place. Faults of the sensor and drifts are rare,
         # and therefore need more evidence.
-        size = self.explained[test.effect]
+        size = self.explained(test.effect)
         most = MOST_OF_LAW if test.kind in PHYSICAL_KINDS else _NEARLY_ALL
         return (
             self._is_as_good
@@ -248,7 +254,7 @@ class FormCriteria:
     def _accounts_for_error(self, test: FormTest) -> bool:
         """Return whether an effect's kind accounts for an error that no other kind explains in its place."""
         fit, partial, base = self._fit, self._partial, self._search.start
-        effect, explained = fit.solution.model.effect(test.effect), self.explained[test.effect]
+        effect, explained = fit.solution.model.effect(test.effect), self.explained(test.effect)
         entries = [self._entries[kind] for kind in effect.also | {test.kind} if kind in self._entries]
         if not entries:
             return True  # kinds without a flexible law

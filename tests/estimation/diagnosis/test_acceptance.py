@@ -146,7 +146,9 @@ def test_failed_criterion_is_stated(law, found, failed, reason):
 def test_each_kind_has_one_name_while_error_remains(taken, repeated):
     effects = [EFFECTS[name]() for name in taken]
     criteria = object.__new__(FormCriteria)
-    vars(criteria).update(explained=taken, _least=0.0)
+    vars(criteria).update(
+        explained=taken.__getitem__, _least=0.0, tests=[Mock(effect=name) for name in taken]
+    )
     criteria._fit = SimpleNamespace(solution=SimpleNamespace(model=SimpleNamespace(effects=effects)))
     criteria._impossible, criteria._is_clear = lambda _: "", lambda _: False
     criteria._accounts_for_error = lambda _: True
@@ -156,7 +158,7 @@ def test_each_kind_has_one_name_while_error_remains(taken, repeated):
 
 def test_sensor_fault_needs_a_size_even_if_it_explains_all_clearly(monkeypatch):
     criteria = object.__new__(FormCriteria)
-    vars(criteria).update(explained={BIAS: 1.0, RUB: 1.0}, _least=0.0, _search=Mock())
+    vars(criteria).update(explained=lambda name: 1.0, _least=0.0, _search=Mock(), tests=[])
     effects = [EFFECTS[name]() for name in (BIAS, RUB)]
     criteria._fit = SimpleNamespace(solution=SimpleNamespace(model=SimpleNamespace(effects=effects)))
     criteria._impossible, criteria._is_clear = lambda _: "", lambda _: True
@@ -437,7 +439,7 @@ def test_form_is_named_where_its_kind_explains_some_error(
         partial, budget=replace(partial.budget, unexplained_by_all=by_all), error=laws
     )
     criteria._entries = {Kind.FRICTION: entry} if entry else {}
-    criteria.explained, criteria._unexplained = {RUB: 1.0}, unexplained
+    criteria.explained, criteria._unexplained = lambda name: 1.0, unexplained
     assert criteria._accounts_for_error(test) is told
 
 

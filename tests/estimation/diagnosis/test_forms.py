@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 
 from palpate.estimation.diagnosis import Verdict, diagnose, forms
-from palpate.estimation.diagnosis.acceptance import accept_forms, most_parsimonious, similar_forms
+from palpate.estimation.diagnosis.acceptance import (
+    FormCriteria,
+    accept_forms,
+    most_parsimonious,
+    similar_forms,
+)
 from palpate.estimation.diagnosis.extension import fit_extended
 from palpate.estimation.diagnosis.forms import (
     Form,
@@ -59,9 +64,17 @@ def test_form_is_named_beside_unexplained_error_unless_its_law_exceeds_it(incomp
     search, partial = incomplete
     end, tests = accept_forms(search, partial, reached(search, DRAG), measured(search))
     assert (end, tests) == (search.start, [])
-    # A reduced model would not be used.
+
+
+def test_model_that_may_not_shrink_is_rejected_at_its_weakest_effect(incomplete, monkeypatch):
+    search, partial = incomplete
+    failed_by, examined = FormCriteria.failed_by, []
+    monkeypatch.setattr(
+        FormCriteria, "failed_by", lambda self, test: examined.append(test.effect) or failed_by(self, test)
+    )
     both = accept_forms(search, partial, reached(search, RUB, DRAG), measured(search), fewest=2)
     assert both == (search.start, [])
+    assert examined == [DRAG]
 
 
 def test_best_form_of_each_kind_is_identified():
