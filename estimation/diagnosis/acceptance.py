@@ -631,9 +631,12 @@ def is_smoothing(reduced: FitResult, fit: FitResult) -> bool:
         if fall <= (SMOOTHING_TIMES * error) ** 2:
             return True
     change = before - after
-    return looks_like_smoothing(
-        problem, problem.blocked.effort - before, change, fit.filters
-    ) or not is_in_smoothed_effort(problem, reduced.solution, change, fit.filters)
+    if looks_like_smoothing(problem, problem.blocked.effort - before, change, fit.filters):
+        return True
+    # An elasticity is fitted too large beside a smoothed motion, but a fault of the sensor is rarer.
+    kept = {effect.name for effect in reduced.model.effects}
+    is_fault = all(effect.kind in SENSOR_KINDS for effect in fit.model.effects if effect.name not in kept)
+    return is_fault and not is_in_smoothed_effort(problem, reduced.solution, change, fit.filters)
 
 
 def _is_rounding(search: Search, fit: FitResult, name: str) -> bool:

@@ -488,3 +488,15 @@ def torque_pulses(limit_nm, least):
 def test_plateau_of_the_acceleration_is_no_saturation(limit_nm, least, smoothing):
     search = searched(torque_pulses(limit_nm, least), "saturation", base=ROTOR)
     assert module.is_smoothing(search.start, reached(search, "saturation")) is smoothing
+
+
+@pytest.mark.parametrize(("name", "smoothing"), [("saturation", True), ("coulomb_friction", False)])
+def test_only_a_fault_of_the_sensor_must_be_in_the_smoothed_effort(monkeypatch, name, smoothing):
+    for test, told in (
+        ("is_in_smoothed_effort", False),
+        ("looks_like_smoothing", False),
+        ("is_below_cutoff", True),
+    ):
+        monkeypatch.setattr(module, test, lambda *_, told=told: told)
+    search = searched(torque_pulses(0.2, 3.0), name, base=ROTOR)
+    assert module.is_smoothing(search.start, reached(search, name)) is smoothing
