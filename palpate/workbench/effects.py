@@ -70,6 +70,7 @@ class EffectList:
         self._state, self._tick = state, tick
         self._effects: dict[str, Effect] = {}
         self._evidence: list[EffectEvidence] = []
+        self._marked: tuple[str, ...] = ()  # effects to which the marks in the list refer
         self._last: dict[str, float] = {}
         # groups of indistinguishable effects, found when neither was ticked
         self._rivals: dict[str, tuple[str, ...]] = {}
@@ -136,6 +137,10 @@ class EffectList:
         """
         if not self._effects:
             return
+        if chosen != self._marked:
+            marked = [name for name in self._effects if self._rows.by_name[name]["mark"]]
+            self._rows.change({name: {"look": "stale", "about": elements.STALE} for name in marked})
+            self._marked = chosen
         self._rows.change({name: {"chosen": name in chosen} for name in self._effects})
         self._rows.change({name: {"order": _rank(self._last.get(name, 1.0), chosen=True)} for name in chosen})
 
@@ -177,6 +182,8 @@ class EffectList:
             except PalpateError as error:
                 self._rows.change({name: {"mark": "–", "look": "quiet", "about": str(error), "share": None}})
                 continue
+            if self._state.choice.effects != chosen:
+                return False
             weighed.append(evidence)
             self._last[name] = evidence.falls
             falls = max(evidence.falls, 0.0)

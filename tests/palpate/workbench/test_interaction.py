@@ -343,12 +343,14 @@ def test_effects_are_ranked_by_the_error_that_they_remove(opened, browser, state
         assert sorted(names, key=lambda name: rows[name]["order"])[0] == "cubic_stiffness"
         assert -1000 <= cubic["order"] == round(-1000 * share) < rows["drift"]["order"] <= 0
         listed.show(("lag",))
+        assert rows["drift"]["look"] == "stale"  # its share is that beside other effects
         assert rows["lag"]["order"] == -3000  # above all others, until its share is known
         await browser.send(listed._rows, "tick", "cubic_stiffness")
         assert cubic["chosen"]
         assert cubic["order"] == round(-1000 * share) - 2000  # above all that are not chosen
         listed._evidence, listed.arrange = [], lambda: None  # the order before all effects are known
         assert await listed._evaluate_extensions(state.choice.effects, ahead, page._idle)
+        assert rows["drift"]["look"] == "quiet"
         assert cubic["order"] == round(-1000 * share) - 2000
         assert not await listed._evaluate_extensions((), ahead, page._idle)  # the selection has changed
         (text,) = browser.all(ui.input, aria_label="filter effects")
