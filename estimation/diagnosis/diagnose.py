@@ -27,6 +27,7 @@ from palpate.estimation.diagnosis.forms import (
     PartiallyLinear,
     analyze_kinds,
     form_tests,
+    imitating_effect,
     named_forms,
 )
 from palpate.estimation.diagnosis.residual_checks import exceeds_noise
@@ -147,7 +148,7 @@ def diagnose_channel(
         checks.incomplete.add(end)
         evidence = evidence_of(*accept_forms(search, kinds(), end, checks.measurement))
         end = evidence.end
-    while name := effect_without_gain(evidence):
+    while name := effect_without_gain(evidence) or imitating_effect(search, end):
         end = search.without(end, name)
         evidence = evidence_of(end, form_tests(kinds(), end))
     names = search.added_effects(end)

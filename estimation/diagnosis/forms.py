@@ -261,6 +261,32 @@ def replacing_kinds(search: Search, end: FitResult) -> dict[str, dict[Kind, floa
     return replacing
 
 
+def imitating_effect(search: Search, end: FitResult) -> str | None:
+    """Return an added effect that only imitates another kind, whose own form the library may lack; else None.
+
+    In its place, the flexible law of the other kind leaves clearly less error than the effect and than the
+    law of its own kind, and the effect adds nothing to it (encompassing test; G. E. Mizon, J.-F. Richard,
+    Econometrica 54 (1986)).
+
+    Args:
+        search: the search of the channel.
+        end: the final model.
+    """
+    names, left = search.added_effects(end), error_of_kinds(end, with_laws=False).mean_square()
+    own = {name: (effect := end.solution.model.effect(name)).also | {effect.kind} for name in names}
+    for name in names:
+        error = error_of_kinds(search.without(end, name))
+        others = frozenset(error.kinds) - frozenset().union(*own.values()) - {Kind.RUN_DIFFERENCES}
+        by_law = {kind: error.mean_square(frozenset({kind})) for kind in others}
+        kind = min(by_law, key=by_law.__getitem__, default=None)
+        limit = AS_GOOD * min(left, error.mean_square(own[name] & frozenset(error.kinds)))
+        if kind is not None and by_law[kind] < limit:
+            beside_law = error_of_kinds(end).mean_square(frozenset({kind}))
+            if beside_law >= AS_GOOD * by_law[kind]:
+                return name
+    return None
+
+
 def _base_columns(start: FitResult) -> tuple[BaseColumns, FloatArray]:
     """Linearize the base model with the smoothing bias of derived motion; return columns and target."""
     solution, problem = start.solution, start.problem

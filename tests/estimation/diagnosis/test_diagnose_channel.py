@@ -87,6 +87,7 @@ FLOW = {  # what is true of a channel: what is answered
     ),
     "only one effect bears a name": ({"beside": {"base": ["s"]}, "complete": False}, ("s", False)),
     "an effect gains nothing in the shown steps": ({"found": "a+b", "idle": {"a+b": "b"}}, ("a", True)),
+    "an effect imitates another kind": ({"found": "a+b", "imitating": {"a+b": "b"}}, ("a", True)),
     "a minimum that the shown steps miss": ({"found": "a", "missed": ("a",)}, ("a", False)),
     "it cannot say": ({"refused": "too short"}, "too short"),
 }  # fmt: skip
@@ -150,6 +151,7 @@ def test_channel_is_searched_reduced_and_reported(name, monkeypatch):
         "accept_forms": lambda tried, kinds, one, *_: (one, []),
         "_accept": lambda tried, one, judge, kinds: (one, []),
         "effect_without_gain": lambda one: given.get("idle", {}).get(one.end),
+        "imitating_effect": lambda search, end: given.get("imitating", {}).get(end),
         "form_tests": lambda *_: [],
         "_too_few_levels": lambda _: given.get("step"),
         "decide_verdict": lambda one: (one.end, one.complete),

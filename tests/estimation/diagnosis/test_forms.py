@@ -404,6 +404,39 @@ def test_law_that_leaves_hardly_more_may_replace_an_effect(monkeypatch, without,
     assert forms.replacing_kinds(search, end) == {RUB: more}
 
 
+def dragging(q, v, a):
+    return 0.1 * v * np.abs(v)
+
+
+def drifting(torque, run):
+    return torque + 0.05 * (np.arange(len(run)) / 250.0 + 3.0 * run)
+
+
+def shifted(torque, run):
+    return torque + np.array([0.3, -0.2, 0.4])[run]
+
+
+@pytest.mark.parametrize(
+    ("law", "sensor", "names", "imitating"),
+    [
+        (rubbing, None, [RUB], None),
+        (rubbing, None, [DRAG], DRAG),  # dry friction, of which the library knows no form
+        (lambda q, v, a: rubbing(q, v, a) + dragging(q, v, a), None, [RUB, DRAG], None),
+        (lambda q, v, a: dragging(q, v, a) + strange(q, v, a), None, [DRAG], None),
+        (dragging, drifting, ["run_offset", DRAG], "run_offset"),
+        (dragging, shifted, ["run_offset", DRAG], None),
+    ],
+)
+def test_effect_that_a_law_of_another_kind_exceeds_imitates_this_kind(law, sensor, names, imitating):
+    data = swings(1, law, sensor=sensor) if sensor else swings(1, law)
+    search = searched(data, RUB, DRAG, "run_offset")
+    model = SWING
+    for name in names:
+        model = model.with_effect(EFFECTS[name]())
+    end = search.fitted(model, {"run_offset.share": 1.0})
+    assert forms.imitating_effect(search, end) == imitating
+
+
 @pytest.mark.parametrize(
     ("kind", "replaced"), [(Kind.SENSOR_STATICS, {RUB, SPRING}), (Kind.FRICTION, {SPRING})]
 )
