@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import scipy
 
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.estimate import (
@@ -23,7 +22,6 @@ from palpate.estimation.fit.intervals import estimate_parameters
 from palpate.estimation.fit.measurement_model import identify_measurement_model
 from palpate.estimation.fit.normal_equations import WHITE, estimate_ar_noise
 from palpate.estimation.fit.smoothing_bias import DifferentiationFilter, fit_smoothing_bias
-from palpate.estimation.kinds import Kind
 from palpate.estimation.model import Model
 from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.estimation.workers import single_threaded
@@ -315,52 +313,25 @@ def final_solution(fit: FitResult) -> tuple[FitProblem, Solution]:
 
     Prewhitening gives the most accurate parameters, but would treat a missing effect as colored noise. The
     result is used only if it is close to the ordinary fit, since with a poor noise model a distant solution
-    may have an equally small residual. The gains of a joint are corrected for the smoothing of its motion.
+    may have an equally small residual.
 
     Args:
         fit: the fitted model.
     """
-    problem, solution = fit.problem, fit.solution
-    if fit.training.shared is not None:
-        return problem, solution
-    is_noise = fit.rmse <= _NOISE_RATIO * fit.floor()
-    if is_noise:
-        white = fit.whitened_problem
-        solved = optimize_inner(white, solve_gains(white, fit.model, solution.parameters))
-        errors = (float(np.sum(each.residual[problem.used] ** 2)) for each in (solved, solution))
-        is_noise = next(errors) <= _NOISE_RATIO**2 * next(errors)
-        problem, solution = (white, solved) if is_noise else (problem, solution)
+    if fit.training.shared is not None or fit.rmse > _NOISE_RATIO * fit.floor():
+        return fit.problem, fit.solution
+    problem, used = fit.whitened_problem, fit.problem.used
+    solution = optimize_inner(problem, solve_gains(problem, fit.model, fit.solution.parameters))
+    ordinary, whitened = (float(np.sum(solved.residual[used] ** 2)) for solved in (fit.solution, solution))
+    if whitened > _NOISE_RATIO**2 * ordinary:
+        return fit.problem, fit.solution
     filters = fit.filters
     if problem.blocked.data.kind is ChannelKind.CONTACT or filters == ((), ()):
         return problem, solution
-    away, beyond = _without_reversals(problem, solution, filters)
-    gains = {name: beyond.parameters[name] for name in fit.model.gains} if beyond is not solution else {}
-    # Flattened peaks of the acceleration bias the mass, and the mass biases the weight.
-    _, fitted = fit_smoothing_bias(away, beyond, filters) if is_noise else (None, None)
-    if fitted is not None and fitted.held_out.sum() <= _MIN_IMPROVEMENT * beyond.held_out:
-        gains = dict(zip(fit.model.gains, fitted.gains.tolist(), strict=False))
-    return problem, replace(solution, parameters={**solution.parameters, **gains}) if gains else solution
-
-
-def _without_reversals(
-    problem: FitProblem, solution: Solution, filters: DifferentiationFilter
-) -> tuple[FitProblem, Solution]:
-    """Fit gains without the samples near reversals of a joint if this makes all of them more certain.
-
-    At a reversal, friction changes the acceleration abruptly, or the joint sticks. The filter that derived
-    the motion spreads this over its window, so that the samples there bias all gains.
-    """
-    blocked, model = problem.blocked, solution.model
-    if all(effect.kind is not Kind.FRICTION for effect in model.effects):
+    # Correct a joint's gains for the smoothing bias of its motion: otherwise the flattened peaks of the
+    # acceleration bias the mass, and the mass biases the weight.
+    _, fitted = fit_smoothing_bias(problem, solution, filters)
+    if fitted is None or fitted.held_out.sum() > _MIN_IMPROVEMENT * solution.held_out:
         return problem, solution
-    velocity = blocked.reduce(blocked.data.velocity)
-    turns = np.zeros(len(blocked), dtype=np.bool_)
-    turns[1:] = (velocity[1:] * velocity[:-1] <= 0.0) & (blocked.run[1:] == blocked.run[:-1])
-    half = max(half for windows in filters for half, _ in windows)
-    near = scipy.ndimage.binary_dilation(turns, iterations=1 + 2 * half // blocked.rows.shape[1])
-    away = replace(problem, blocked=replace(blocked, trusted=blocked.trusted & ~near))
-    if not away.blocked.can_hold_out:
-        return problem, solution
-    solved = solve_gains(away, model, solution.parameters)
-    before, after = solution.standard_errors, solved.standard_errors
-    return (away, solved) if all(after[name] <= before[name] for name in before) else (problem, solution)
+    gains = dict(zip(solution.model.gains, fitted.gains.tolist(), strict=False))
+    return problem, replace(solution, parameters={**solution.parameters, **gains})

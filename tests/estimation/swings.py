@@ -1,6 +1,5 @@
 """Swinging joints made from formulas, and their motion read coarsely or noisily."""
 
-import math
 from dataclasses import replace
 from functools import cache, partial
 
@@ -89,32 +88,3 @@ def within(data, half):
     """Samples whose window lies within their run."""
     number = np.arange(len(data)) % np.sum(data.run == 0)
     return (number >= 2 * half) & (number < number.max() - 2 * half)
-
-
-def sticking_joint(forward_nm, backward_nm, seed=5):
-    """A joint that follows sines under a PD controller and sticks at each reversal, as a table."""
-    rng, step_s, rows = np.random.default_rng(seed), 2.5e-4, []
-    for number in range(4):
-        w, phase = rng.uniform([0.8, 2.0, 4.0], [1.6, 3.5, 7.0]), rng.uniform(0.0, 6.28, 3)
-        time_s = np.arange(0.0, 8.0, step_s)
-        wave = w * time_s[:, None] + phase
-        goal = (np.array([0.9, 0.4, 0.15]) * np.sin(wave)).sum(1).tolist()
-        rate = (np.array([0.9, 0.4, 0.15]) * w * np.cos(wave)).sum(1).tolist()
-        q, v = goal[0], rate[0]
-        for i in range(len(time_s)):
-            if i % 4 == 0:
-                torque = 60.0 * (goal[i] - q) + 2.0 * (rate[i] - v)
-            if i % 20 == 0:
-                rows.append((time_s[i] + 20.0 * number, number, q, torque))
-            free = v + step_s * (torque - WEIGHT * math.sin(q) - DAMPING * v) / INERTIA
-            slowed = step_s * (forward_nm if free > 0.0 else backward_nm) / INERTIA
-            v = math.copysign(max(abs(free) - slowed, 0.0), free)
-            q += step_s * v
-    time_s, run, q, torque = np.array(rows).T
-    noise = rng.standard_normal((2, len(q)))
-    return {
-        "time_s": time_s,
-        "run": run,
-        "position_rad": q + 3e-5 * noise[0],
-        "torque_Nm": torque + 0.02 * noise[1],
-    }

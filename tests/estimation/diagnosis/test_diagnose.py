@@ -1,6 +1,7 @@
 """Diagnosis of simulated data: hidden effects are named, unknown laws are not misnamed."""
 
 import json
+import math
 import os
 import subprocess
 import sys
@@ -28,16 +29,7 @@ from palpate.estimation.models import MODELS
 from palpate.estimation.study import ModelStudy
 from palpate.robot_io.errors import InputError
 from tests.estimation.presses import NOISE_N, RATE_HZ, K, channel, kelvin_voigt, maxwell, session
-from tests.estimation.swings import (
-    DAMPING,
-    INERTIA,
-    NOISE_NM,
-    WEIGHT,
-    late,
-    link_angles,
-    read,
-    sticking_joint,
-)
+from tests.estimation.swings import DAMPING, INERTIA, NOISE_NM, WEIGHT, late, link_angles, read
 from tests.estimation.swings import coarse_swings as swings
 
 PRESS, SWING = (MODELS[name]().build(ModelContext()) for name in ("kelvin_voigt", "pendulum"))
@@ -457,6 +449,35 @@ def test_smoothing_of_quick_turns_is_no_missing_effect(seed):
 def test_effect_beyond_the_smoothing_of_quick_turns_is_named():
     diagnosis = diagnose(quick_turns(2, friction_nm=0.2), SWING, rng=np.random.default_rng(0)).channels[0]
     assert [accepted.effect for accepted in diagnosis.accepted] == ["coulomb_friction"]
+
+
+def sticking_joint(forward_nm, backward_nm, seed=5):
+    """A joint that follows sines under a PD controller and sticks at each reversal, as a table."""
+    rng, step_s, rows = np.random.default_rng(seed), 2.5e-4, []
+    for number in range(4):
+        w, phase = rng.uniform([0.8, 2.0, 4.0], [1.6, 3.5, 7.0]), rng.uniform(0.0, 6.28, 3)
+        time_s = np.arange(0.0, 8.0, step_s)
+        wave = w * time_s[:, None] + phase
+        goal = (np.array([0.9, 0.4, 0.15]) * np.sin(wave)).sum(1).tolist()
+        rate = (np.array([0.9, 0.4, 0.15]) * w * np.cos(wave)).sum(1).tolist()
+        q, v = goal[0], rate[0]
+        for i in range(len(time_s)):
+            if i % 4 == 0:
+                torque = 60.0 * (goal[i] - q) + 2.0 * (rate[i] - v)
+            if i % 20 == 0:
+                rows.append((time_s[i] + 20.0 * number, number, q, torque))
+            free = v + step_s * (torque - WEIGHT * math.sin(q) - DAMPING * v) / INERTIA
+            slowed = step_s * (forward_nm if free > 0.0 else backward_nm) / INERTIA
+            v = math.copysign(max(abs(free) - slowed, 0.0), free)
+            q += step_s * v
+    time_s, run, q, torque = np.array(rows).T
+    noise = rng.standard_normal((2, len(q)))
+    return {
+        "time_s": time_s,
+        "run": run,
+        "position_rad": q + 3e-5 * noise[0],
+        "torque_Nm": torque + 0.02 * noise[1],
+    }
 
 
 @pytest.mark.parametrize(

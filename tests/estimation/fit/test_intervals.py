@@ -5,8 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.estimate import Determined, interval_text
 from palpate.estimation.fit import fit_result
@@ -17,7 +15,7 @@ from palpate.estimation.fit.measurement_model import inflate_acceleration_noise
 from palpate.estimation.model import Model
 from palpate.estimation.statistics.noise import sum_covariance
 from tests.estimation.presses import session
-from tests.estimation.swings import DAMPING, INERTIA, WEIGHT, smoothed, sticking_joint, swings, within
+from tests.estimation.swings import DAMPING, INERTIA, WEIGHT, smoothed, swings, within
 
 BASE = Model("pendulum", (EFFECTS["pendulum"](), EFFECTS["viscous_friction"]()))
 RNG = np.random.default_rng(3)
@@ -186,19 +184,3 @@ def test_smoothing_window_of_a_joint_biases_no_gain(half):
     found = {name: one.value for name, one in estimate_parameters(*final_solution(fit)).items()}
     truth = {"pendulum.inertia": INERTIA, "pendulum.gravity": WEIGHT, "viscous_friction.d": DAMPING}
     assert found == pytest.approx(truth, rel=0.02)
-
-
-@pytest.mark.parametrize("seed", [5, 7])
-def test_reversals_of_a_sticking_joint_bias_no_friction(seed):
-    """Friction changes the acceleration abruptly there, and a derived motion does not."""
-    table = sticking_joint(1.0, 1.0, seed)
-    time_s, run, q = table["time_s"], table["run"].astype(int), table["position_rad"]
-    made, phase = differentiate(time_s, q, run), np.full(len(q), -1)
-    motion = q, made.velocity, made.acceleration
-    data = ChannelData("joint_1", ChannelKind.REVOLUTE, time_s, *motion, table["torque_Nm"], run, phase)
-    fit = fit_model(data, BASE.with_effect(EFFECTS["coulomb_friction"]()), {})
-    known = fit.parameters
-    for name, truth in (("viscous_friction.d", DAMPING), ("coulomb_friction.force", 1.0)):
-        low, high = known[name].interval
-        assert low < truth < high
-        assert abs(known[name].value - truth) < 0.4 * abs(fit.solution.parameters[name] - truth)
