@@ -245,7 +245,10 @@ def test_objection_is_dropped_where_samples_improve_as_much_by_a_clean_model(
         completeness, "check_residuals", lambda fit, *_, complete: None if fit is whole else "runs"
     )
     monkeypatch.setattr(module, "exceeds_noise", lambda *_: excess)
-    monkeypatch.setattr(completeness, "find_rare_events", lambda *_: None)
+    for check in ("find_rare_events", "find_excess_error"):
+        monkeypatch.setattr(completeness, check, lambda *_: None)
+    for error in ("smoothing_error", "encoder_step_error"):
+        monkeypatch.setattr(completeness, error, lambda *_: 0.0)
     monkeypatch.setattr(module, "accept_effects", lambda *_: base)
     monkeypatch.setattr(module, "accept_forms", lambda *_: (base, []))
     assert module._accept(search, whole, judge, lambda: None) == (base, [])

@@ -176,7 +176,7 @@ def test_errors_of_the_motion_are_named_where_they_may_cause_what_is_explainable
         problem=SimpleNamespace(used=np.ones(100, np.bool_)),
     )
     monkeypatch.setattr(verdict, "is_mostly_smoothing", lambda *_: causes_n[1] > 0.5)
-    data = SimpleNamespace(kind=ChannelKind.CONTACT)
+    data = SimpleNamespace(kind=ChannelKind.CONTACT, effort_unit="N")
     evidence = SimpleNamespace(end=end, measurement=None, search=SimpleNamespace(data=data))
     assert _describe_motion_error(evidence).startswith(f"; {cause}" if cause else "")
     assert bool(_describe_motion_error(evidence)) is bool(cause)

@@ -76,7 +76,7 @@ def test_error_fits_if_neither_noise_nor_a_flexible_regression_is_below(
             card, f"_{name}", SimpleNamespace(set_content=lambda html, name=name: shown.update({name: html}))
         )
     card._wrong = SimpleNamespace(set_text=lambda text: shown.update(wrong=text))
-    data = SimpleNamespace(kind=ChannelKind.CONTACT)
+    data = SimpleNamespace(kind=ChannelKind.CONTACT, effort_unit="N")
     fitted = SimpleNamespace(data=data, rmse=rmse, smooth_law_error=least, unphysical=unphysical)
     of = SimpleNamespace(
         fitted=fitted, noise=noise_of(noise), steps=(("a", 1.0),), is_rough=False, is_incomplete=False

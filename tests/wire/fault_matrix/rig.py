@@ -3,8 +3,10 @@
 import math
 import resource
 import signal
+import threading
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from unittest.mock import patch
 
@@ -36,10 +38,6 @@ HELD_UP_S = 0.5
 NO_TORQUE_NM = 0.02  # zero on an MIT motor's wire is half a step off
 ENOUGH = "the rig has seen enough"
 REQUESTED = f"stopped: {ENOUGH}"  # by the rig, as nothing else has stopped the arm
-
-
-class Killed(BaseException):
-    """The program is gone, with all that it would have done at its end."""
 
 
 @dataclass
@@ -76,6 +74,7 @@ class FaultRig:
         self._task = ProbingTask.from_robot_file(self.robot_file, plan)
         self._torque_until_s = -math.inf
         self._struck = False
+        self._killed = threading.Event()
         self._observer_fails = False
         self._wall_ahead_s = 1.7e9  # of the robot's clock
         if row.fault is ProgramFault.CLOCK_BACK:
@@ -95,19 +94,22 @@ class FaultRig:
         self.robot.configure()
         if self.row.fault is ProgramFault.DISK_FULL:
             self.log = SessionWriter(self.path, [tick_stream(3)], SessionMetadata(), wait_for_room=True)
-        try:
-            return run_loop(
-                self.robot,
-                self.guard,
-                self,
-                self.clock,
-                self.log,
-                rate_hz=1.0 / self.tick_s,
-                observer=self._observe,
-                stop=self._survived,
-            )
-        except Killed:
-            return None
+        loop = partial(
+            run_loop,
+            self.robot,
+            self.guard,
+            self,
+            self.clock,
+            self.log,
+            rate_hz=1.0 / self.tick_s,
+            observer=self._observe,
+            stop=self._survived,
+        )
+        if self.row.fault is not ProgramFault.KILLED:
+            return loop()
+        threading.Thread(target=loop, daemon=True).start()
+        assert self._killed.wait(PATIENCE_S)
+        return None
 
     # What the loop sees.
 
@@ -146,8 +148,8 @@ class FaultRig:
             case ProgramFault.TERMINATED:
                 signal.raise_signal(signal.SIGTERM)
             case ProgramFault.KILLED:
-                self.robot.deactivate = lambda: None  # nobody is there who could
-                raise Killed
+                self._killed.set()
+                threading.Event().wait()  # nothing runs any more
             case ProgramFault.HELD_UP:
                 self._let_pass(HELD_UP_S)
             case ProgramFault.CLOCK_BACK:
