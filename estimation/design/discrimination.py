@@ -130,10 +130,9 @@ def _refit_globally(
     best = fit_model(data, model, rival.solution.parameters, good, cache)
     for effect in model.effects:
         if effect.inner and effect.name not in shared:
-            searched = search_inner(
-                best.problem, model, effect, best.solution.parameters, effect.starts(best.data)
-            )
-            solution = refine_inner(best.problem, model, effect, searched).best
+            starts = effect.starts(best.data)
+            searched = search_inner(best.problem, model, effect.name, best.solution.parameters, starts)
+            solution = refine_inner(best.problem, effect.name, searched).best
             refitted = fit_model(data, model, solution.parameters, good, cache)
             best = min(best, refitted, key=lambda fit: fit.solution.sse)
     return best

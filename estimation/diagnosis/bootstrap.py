@@ -181,8 +181,8 @@ def improvement_test(
         start = {parameter.name: known[f"{effect}.{parameter.name}"] for parameter in added.inner}
         start_values = [start, *starts[:: max(len(starts) // _STARTS, 1)]]
         searches = [
-            search_inner(problem, with_form, form, parameters, start_values)
-            for with_form, form in _forms(model, added)
+            search_inner(problem, with_form, effect, parameters, start_values)
+            for with_form in _forms(model, added)
         ]
         best = min(searches, key=lambda search: search.best.sse)
         return best.best, float(best.held_out.sum())
@@ -251,13 +251,10 @@ def bootstrap_samples(
         yield problem, solve_gains(problem, model, parameters)
 
 
-def _forms(model: Model, effect: Effect) -> list[tuple[Model, Effect]]:
-    """List each form of an effect with the model in which it replaces the effect."""
+def _forms(model: Model, effect: Effect) -> list[Model]:
+    """List the models with each form of an effect in place of the effect."""
     forms = effect.forms()
-    if len(forms) == 1:
-        return [(model, effect)]
-    without = model.without(effect.name)
-    return [(without.with_effect(form), form) for form in forms]
+    return [model.without(effect.name).with_effect(form) for form in forms] if len(forms) > 1 else [model]
 
 
 def _estimate_noise(fit: FitResult, by_motion: float) -> FloatArray:

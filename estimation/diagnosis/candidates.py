@@ -189,7 +189,7 @@ def screen_effects(
         progress(number / len(effects), effect.name)
         start_values = starts(effect) if starts else effect.starts(fit.data)
         tried = [
-            search_inner(fit.problem, model, model.effect(effect.name), parameters, start_values)
+            search_inner(fit.problem, model, effect.name, parameters, start_values)
             for model in extended_models(fit.solution.model, effect)
             for parameters in parameter_sets
         ]
@@ -199,9 +199,7 @@ def screen_effects(
     least = min(PROMISING * gains.max(initial=0.0), worst) if refined else np.inf
     candidates = []
     for effect, first, gain in zip(effects, searches, gains, strict=True):
-        model = first.best.model
-        form = model.effect(effect.name)
-        best = refine_inner(fit.problem, model, form, first) if gain >= least else first
+        best = refine_inner(fit.problem, effect.name, first) if gain >= least else first
         possible = is_possible(effect, best.best, fit.problem)
         if not possible and gain >= PROMISING * gains.max():
             best = grid_search((*best.solutions, optimize_inner(fit.problem, best.best)), best.start_count)

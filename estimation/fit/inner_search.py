@@ -67,7 +67,7 @@ class GridSearch:
 def search_inner(
     problem: FitProblem,
     model: Model,
-    effect: Effect,
+    name: str,
     parameters: Mapping[str, float],
     starts: Iterable[Mapping[str, float]],
 ) -> GridSearch:
@@ -76,10 +76,11 @@ def search_inner(
     Args:
         problem: data, noise weights and folds of the fit.
         model: the model.
-        effect: effect of the model whose inner parameters are searched.
+        name: name of the effect whose inner parameters are searched.
         parameters: known values by "effect.parameter".
         starts: inner parameters to try, by name.
     """
+    effect = model.effect(name)
     parts_at = linearize_inner(problem.blocked, model, effect, parameters)
     points = list(starts)
     solutions = (_solve_at(problem, model, effect, parameters, inner, parts_at) for inner in points)
@@ -104,16 +105,16 @@ def grid_search(solutions: Iterable[Solution], start_count: int) -> GridSearch:
     return GridSearch(tuple(kept), start_count)
 
 
-def refine_inner(problem: FitProblem, model: Model, effect: Effect, searched: GridSearch) -> GridSearch:
+def refine_inner(problem: FitProblem, name: str, searched: GridSearch) -> GridSearch:
     """Refine the grid of an effect's inner parameters around the best solution.
 
     Args:
         problem: data, noise weights and folds of the fit.
-        model: the model.
-        effect: effect of the model whose inner parameters are searched.
+        name: name of the effect whose inner parameters are searched.
         searched: earlier search, which is extended.
     """
-    solutions = list(searched.solutions)
+    solutions, model = list(searched.solutions), searched.best.model
+    effect = model.effect(name)
     parts_at = linearize_inner(problem.blocked, model, effect, solutions[0].parameters)
     grid = [own_parameters(effect, solution.parameters) for solution in solutions]
     for inner in effect.inner * (1 if len(effect.inner) == 1 else 2) if len(grid) > 1 else ():

@@ -100,7 +100,7 @@ def preview_extended(parent: FitResult, effect: Effect) -> FitResult:
         known, starts = parent.solution.parameters, effect.starts(parent.training)
         starts = starts[:: max(len(starts) // _PREVIEW_STARTS, 1)]
         searches = (
-            search_inner(parent.coarse_problem, model, model.effect(effect.name), known, starts)
+            search_inner(parent.coarse_problem, model, effect.name, known, starts)
             for model in extended_models(parent.model, effect)
         )
         best = min((search.best for search in searches), key=lambda solution: solution.sse)

@@ -104,16 +104,14 @@ def searched(monkeypatch, cost, *inner, starts):
         assert parts == "parts"
         here = {name[2:]: value for name, value in parameters.items() if name.startswith("e.")}
         assert parameters["other.x"] == 5.0
-        return Tried(sse=cost(**here), parameters=dict(parameters), blocks=True)
+        return Tried(sse=cost(**here), parameters=dict(parameters), blocks=True, model=model)
 
     monkeypatch.setattr(inner_search, "solve_gains", attempt)
     monkeypatch.setattr(inner_search, "linearize_inner", lambda *args: lambda there: "parts")
-    problem, effect = (
-        SimpleNamespace(blocked=SimpleNamespace(data=None)),
-        SimpleNamespace(name="e", inner=inner),
-    )
-    looked = search_inner(problem, None, effect, {"other.x": 5.0}, starts)
-    return looked, refine_inner(problem, None, effect, looked)
+    problem = SimpleNamespace(blocked=SimpleNamespace(data=None))
+    model = SimpleNamespace(effect=lambda name: SimpleNamespace(name=name, inner=inner))
+    looked = search_inner(problem, model, "e", {"other.x": 5.0}, starts)
+    return looked, refine_inner(problem, "e", looked)
 
 
 WIDTH = Parameter("width", "m", 1.0, 100.0, (2.0, 50.0), log=True)
