@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 from pydantic import TypeAdapter, ValidationError
 
 from palpate.robot_io.errors import InputError, ProtocolError
+from palpate.robot_io.files.file_model import input_error
 from palpate.robot_io.link.messages import Intent, Message, ObjectEstimate, Report
 
 _LEAST_BYTES, _MOST_BYTES = 16, 4096  # smallest and largest size of a key
@@ -139,7 +140,8 @@ class Frame(NamedTuple):
             message: Message = _WIRE[self.kind].validate_json(self.content, strict=True)
         except ValidationError as error:
             first = error.errors(include_url=False, include_context=False, include_input=False)[0]
-            raise FrameError(f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from error
+            text = first["msg"].removeprefix("Value error, ")
+            raise FrameError(str(input_error(None, first["loc"], text))[:200]) from error
         return message
 
 

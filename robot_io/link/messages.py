@@ -8,14 +8,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, TypeVar
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, FailFast, Field
 
 from palpate.robot_io.errors import InputError
 
 Int64 = Annotated[int, Field(ge=-(2**63), lt=2**63)]  # as records of a session hold it
-WITH_NAN = ConfigDict(ser_json_inf_nan="constants")
+T = TypeVar("T")
+# Validation ends at the first invalid entry: ten thousand of them would hold up the control loop.
+Entries = Annotated[tuple[T, ...], FailFast()]
 MOST_TARGETS = 64
 MOST_PARAMETERS = 64
 MOST_TEXT = 500  # characters
@@ -69,8 +71,8 @@ class Target:
     """A place to probe. Speed and force are the follower's own plan, not the network's."""
 
     number: int  # assigned by the leader, see `target_number`; unique among all leaders
-    position_world_m: tuple[float, ...]  # shape (3,), a point near the surface [m]
-    direction_world: tuple[float, ...]  # shape (3,), unit vector into the object
+    position_world_m: Entries[float]  # shape (3,), a point near the surface [m]
+    direction_world: Entries[float]  # shape (3,), unit vector into the object
 
     def __post_init__(self) -> None:
         _check_count("target number", self.number)
@@ -84,11 +86,9 @@ class Target:
 class Intent:
     """The operator's intent; leader to follower."""
 
-    __pydantic_config__: ClassVar[ConfigDict] = WITH_NAN
-
-    targets: tuple[Target, ...]  # targets in the order of probing
-    cancelled: tuple[Int64, ...]  # numbers of canceled targets
-    seen: tuple[Int64, ...]  # revision of the newest estimate that has arrived, of each target
+    targets: Entries[Target]  # targets in the order of probing
+    cancelled: Entries[Int64]  # numbers of canceled targets
+    seen: Entries[Int64]  # revision of the newest estimate that has arrived, of each target
     ended: bool  # whether the operator has finished: finish the queue, then end
 
     def __post_init__(self) -> None:
@@ -104,16 +104,14 @@ class Intent:
 class Report:
     """Present state of the follower; follower to leader."""
 
-    __pydantic_config__: ClassVar[ConfigDict] = WITH_NAN
-
     phase: Int64  # number of `palpate.control.loop.task.Phase`
     target: Int64  # number of the target that is being probed, -1 for none
-    tip_world_m: tuple[float, ...]  # shape (3,) [m]
+    tip_world_m: Entries[float]  # shape (3,) [m]
     speed_m_s: float  # of the tip along the press direction [m/s]
-    direction_world: tuple[float, ...]  # shape (3,), press direction
+    direction_world: Entries[float]  # shape (3,), press direction
     force_n: float  # measured minus the reading in free air, positive in compression [N]
-    targets: tuple[Int64, ...]  # numbers of all targets that are known
-    states: tuple[Int64, ...]  # `TargetState` of each of them
+    targets: Entries[Int64]  # numbers of all targets that are known
+    states: Entries[Int64]  # `TargetState` of each of them
     remark: str  # reason of the newest refusal, failure or stop; empty if there was none
     ended: bool  # the follower is at rest without torque, and ends
 
@@ -154,8 +152,8 @@ class ContactModel:
     """One term of the object's model: a contact law or an effect, by the names that a scenario uses."""
 
     name: str  # such as "kelvin_voigt" or "cubic_stiffness"
-    keys: tuple[str, ...]
-    values: tuple[float, ...]
+    keys: Entries[str]
+    values: Entries[float]
 
     def __post_init__(self) -> None:
         for text in (self.name, *self.keys):
@@ -171,14 +169,14 @@ class ContactModel:
 class ObjectEstimate:
     """Estimated model of the object at one target; follower to leader."""
 
-    __pydantic_config__: ClassVar[ConfigDict] = WITH_NAN
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(ser_json_inf_nan="constants")
 
     revision: int  # counts up with every estimate
     target: Int64  # number of the target
-    surface_world_m: tuple[float, ...]  # shape (3,), position of the undeformed surface [m]
-    direction_world: tuple[float, ...]  # shape (3,), unit vector into the object
-    model: tuple[ContactModel, ...]  # the contact law, then established effects
-    parameters: tuple[EstimatedParameter, ...]  # with intervals, for people
+    surface_world_m: Entries[float]  # shape (3,), position of the undeformed surface [m]
+    direction_world: Entries[float]  # shape (3,), unit vector into the object
+    model: Entries[ContactModel]  # the contact law, then established effects
+    parameters: Entries[EstimatedParameter]  # with intervals, for people
     verdict: str  # of the diagnosis; empty before there is one
     words: str  # reason of the verdict, one line
     rmse_n: float  # of the model on the measured runs [N]
