@@ -277,12 +277,11 @@ def imitating_effect(search: Search, end: FitResult) -> str | None:
     for name in names:
         error = error_of_kinds(search.without(end, name))
         others = frozenset(error.kinds) - frozenset().union(*own.values()) - {Kind.RUN_DIFFERENCES}
-        by_law = {kind: error.mean_square(frozenset({kind})) for kind in others}
-        kind = min(by_law, key=by_law.__getitem__, default=None)
+        law = min((frozenset({kind}) for kind in others), key=error.mean_square, default=None)
         limit = AS_GOOD * min(left, error.mean_square(own[name] & frozenset(error.kinds)))
-        if kind is not None and by_law[kind] < limit:
-            beside_law = error_of_kinds(end).mean_square(frozenset({kind}))
-            if beside_law >= AS_GOOD * by_law[kind]:
+        if law is not None and (least := error.mean_square(law)) < limit:
+            beside_law = error_of_kinds(end).mean_square(law)
+            if beside_law >= AS_GOOD * least:
                 return name
     return None
 

@@ -103,10 +103,7 @@ def is_in_smoothed_effort(
 
     # Both sides are smoothed once more, since the noise of a derived acceleration resembles its corners.
     left = smooth(smooth(blocked.effort) - (blocked.effort - solution.residual))
-    lengths = np.maximum(np.linalg.norm(solution.columns, axis=0), 1e-300)
-    columns = np.array([smooth(column)[used] for column in (solution.columns / lengths).T])
-    columns = columns.reshape(-1, int(used.sum())).T  # also of a model without gains
-    added = smooth(change)
+    columns, added = smooth(solution.columns)[used], smooth(change)
     beyond_model = added[used] - columns @ np.linalg.lstsq(columns, added[used], rcond=None)[0]
     return bool(left[used] @ beyond_model >= _CONTAINED * (smooth(added)[used] @ beyond_model))
 
