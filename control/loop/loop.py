@@ -76,7 +76,7 @@ def run_loop(
         duration_s, wall_s = clock.now_s() - begun_s, perf_counter() - begun_wall_s
         result = replace(loop.result(), duration_s=duration_s, wall_s=wall_s)
         journal.event(clock.now_s(), "loop_ended", result.one_line())
-    if interrupt.signal_name and result.outcome is Outcome.FINISHED:  # nor may a further run begin
+    if interrupt.signal_name and result.outcome is Outcome.FINISHED:  # no further run may begin
         raise KeyboardInterrupt(interrupt.signal_name)
     return result
 
@@ -139,7 +139,7 @@ class _Loop:
         try:
             if not self._guard.tripped:  # otherwise the arm is never powered
                 self._task.start(measurement)
-                self._reference_rad = measurement.joint_position_rad  # from here the task starts
+                self._reference_rad = measurement.joint_position_rad  # the task starts here
                 self._stop.check_requests()
             if not self._guard.tripped:
                 self._robot.activate()
@@ -152,7 +152,7 @@ class _Loop:
                         self._clock.sleep_until(self._grid.due_s)
                         ended = self._tick(periods * self._period_s)
                     except BaseException as error:
-                        self._stop.fail("the loop", error)  # nor may sys.exit() drop the arm
+                        self._stop.fail("the loop", error)  # sys.exit() must not drop the arm
                         ended = stopping  # a failure during the safe stop ends the run: torque off
                     periods = self._grid.advance(self._clock.now_s())
         finally:

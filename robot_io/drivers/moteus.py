@@ -297,9 +297,9 @@ class MoteusBus(PolledMotorBus[MoteusState]):
 
     def _store_state(self, joint: int, state: MoteusState, requested_s: float) -> None:
         self._observed_states[joint] = state
-        is_relative = state.home == RELATIVE
-        self._motion_is_wrong[joint] = is_relative or bool(state.unknown) or state.error in ENCODER_FAULTS
-        if not state.unknown:
+        is_known, is_relative = not state.unknown, state.home == RELATIVE
+        self._motion_is_wrong[joint] = is_relative or not is_known or state.error in ENCODER_FAULTS
+        if is_known:
             self._store_motion(joint, tau * state.position_rev, tau * state.velocity_rev_s, requested_s)
             self._store_torque(joint, state.torque_nm, requested_s)
         self._motion_at_s[joint] = requested_s

@@ -281,6 +281,9 @@ StateType = TypeVar("StateType")
 class PolledMotorBus(MotorBus, Generic[StateType]):
     """Motors that answer each frame with their state, and switch off `watchdog_s` after the last command."""
 
+    _two_motors = "do two motors have this id?"  # asked after more answers than requests
+    _silence_remedy = ""  # what may make silent motors answer, if anything special does
+
     def __init__(
         self,
         line: CanLineSettings,
@@ -331,16 +334,6 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
     def _error(self, joint: int) -> int:
         """Return the error of a motor; 0 for none."""
         return self._errors[joint]
-
-    @property
-    def _two_motors(self) -> str:
-        """Return what explains more answers than requests, as a question."""
-        return "do two motors have this id?"
-
-    @property
-    def _silence_remedy(self) -> str:
-        """Return what may make silent motors answer, if anything special does."""
-        return ""
 
     # Common to all protocols.
 

@@ -60,6 +60,11 @@ class MitBus(PolledMotorBus[MitState]):
         self._alarms, self._warnings = [0] * len(validated.motors), [0] * len(validated.motors)
         self._register_asked: tuple[int, MotorRegister] | None = None  # joint and register
         self._register_values: list[float] = []
+        if self._dialect.may_report:
+            reports = "does it report unasked (switch its active reporting off)?"
+            self._two_motors = f"do two motors have this id, or {reports}"
+        if validated.ask_with == "exit" and not self._dialect.activation_registers:
+            self._silence_remedy = "a motor that answers in motor mode only needs 'ask_with: enter'"
 
     def _check_position_ranges(self, context: DriverContext) -> None:
         """Raise `InputError` if a stop at a position limit could end beyond the range of a motor's positions.
@@ -127,18 +132,6 @@ class MitBus(PolledMotorBus[MitState]):
             return super()._foreign_remedy
         ids = ", ".join(f"0x{self._settings.answer_ids(motor)[0]:03X}" for motor in self._motors)
         return f"set the master id of each motor ({ids} according to the robot file), or state its answer_id"
-
-    @property
-    def _two_motors(self) -> str:
-        """See `PolledMotorBus._two_motors`."""
-        reports = ", or does it report unasked (switch its active reporting off)?"
-        return super()._two_motors.rstrip("?") + (reports if self._dialect.may_report else "?")
-
-    @property
-    def _silence_remedy(self) -> str:
-        """See `PolledMotorBus._silence_remedy`."""
-        may_need_mode = self._settings.ask_with == "exit" and not self._dialect.activation_registers
-        return "a motor that answers in motor mode only needs 'ask_with: enter'" * may_need_mode
 
     def _hint(self, joint: int) -> str:
         """See `MotorBus._hint`; from the end of its range on, a motor's turn is unknown."""
