@@ -164,18 +164,17 @@ class ModelStudy(StudyFits):
         settled = []
         can_plan = any(map(is_undecided, diagnosed)) and self._can_plan()
         for entry in diagnosed:
+            channel = self.channel(entry.channel)
             is_inseparable = probe is None if can_plan else bool(entry.no_experiment)
             if probe is not None and entry.channel in probe.channels:
                 planned = {"next_experiment": probe.proposal, "no_experiment": ""}
                 settled.append(entry.model_copy(update=planned))
-                if probe.separated is not None and is_undecided(entry):
-                    channel = self.channel(entry.channel)
+                if probe.separated is not None:
                     settled[-1] = drop_inseparable(self, channel, settled[-1], probe.separated)
             elif is_undecided(entry) and is_inseparable:
-                channel = self.channel(entry.channel)
                 settled.append(state_inseparable(self, channel, entry, is_arm=can_plan))
-            elif not can_plan and entry.next_experiment is not None and entry.next_experiment.separates:
-                settled.append(drop_inseparable(self, self.channel(entry.channel), entry))
+            elif not can_plan and any(accepted.confused_with for accepted in entry.accepted):
+                settled.append(drop_inseparable(self, channel, entry))
             else:
                 settled.append(entry)
         return settled
