@@ -9,7 +9,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from palpate.robot_io.clock import Clock, SimulatedClock
-from palpate.robot_io.errors import DeviceError
+from palpate.robot_io.errors import DeviceError, one_line
 from palpate.robot_io.extras import LazyModule
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ def _reason_of(error: Exception) -> str:
     number = getattr(error, "errno", None)
     if number in (errno.EAGAIN, errno.EBUSY):
         return "another program has it"
-    return os.strerror(number) if number else " ".join(str(error).split())
+    return os.strerror(number) if number else one_line(error)
 
 
 def open_exclusively(path: str, baud_rate: int) -> "serial.Serial":

@@ -17,7 +17,7 @@ import numpy as np
 
 from palpate.robot_io.calibration.applied import Calibrations, load_calibrations
 from palpate.robot_io.capture_output import STDERR, STDOUT, capture_output
-from palpate.robot_io.errors import InputError
+from palpate.robot_io.errors import InputError, one_line
 from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.files.file_model import read_text
 from palpate.robot_io.files.urdf_text import parse_urdf
@@ -138,7 +138,7 @@ class RigidBody:
                 model = pin.buildModelFromXML(text)
         except (OSError, ValueError, RuntimeError) as error:
             said = printed[0].removeprefix("Error:").strip() if printed else ""  # by the parser in C++
-            reason = getattr(error, "strerror", None) or " ".join((said or str(error)).split())
+            reason = getattr(error, "strerror", None) or one_line(said or error)
             raise InputError(f"{source}: not a readable URDF ({reason:.100})") from error
         if model.nq == 0:
             raise InputError(f"{source}: has no movable joint")

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Literal, Self
 import numpy as np
 
 from palpate.robot_io.clock import Clock
-from palpate.robot_io.errors import InputError
+from palpate.robot_io.errors import InputError, one_line
 from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.link.frame import (
     CHECKSUM,
@@ -324,7 +324,7 @@ def cause(error: Exception) -> str:
     Returns:
         One line, without these places and cut to a bounded length.
     """
-    text = _PLACE.sub("", " ".join(str(error).split()))
+    text = _PLACE.sub("", one_line(error))
     if match := _MESSAGE.search(text):
         what, line, column = match.groups()
     elif match := _SYNTAX.search(text):
