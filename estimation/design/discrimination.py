@@ -173,9 +173,7 @@ def separated_pairs(names: Sequence[str], leads: Iterable[FloatArray]) -> set[fr
         names: names of the rivals.
         leads: expected leads between them in each experiment, shape (r, r).
     """
-    apart = [(lead > SMALL) | (lead.T > SMALL) for lead in leads]
-    pairs = zip(*np.nonzero(np.any(apart, axis=0)), strict=True) if apart else ()
-    return {frozenset((names[first], names[second])) for first, second in pairs}
+    return {frozenset((names[i], names[j])) for lead in leads for i, j in np.argwhere(lead > SMALL)}
 
 
 EQUIVALENT = 0.9  # ratio to the best experiment's lead above which experiments are equivalent

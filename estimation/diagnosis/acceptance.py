@@ -177,8 +177,8 @@ class FormCriteria:
         """
         self._search, self._partial, self._fit = search, partial, fit
         self.tests = form_tests(partial, fit, kinds)
-        count = max(int(fit.problem.used.sum()), 1)
-        self._left = cross_validated_error(fit.problem, fit.solution) / count
+        self._count = max(int(fit.problem.used.sum()), 1)
+        self._left = cross_validated_error(fit.problem, fit.solution) / self._count
         self.explained = cache(self._explained)
         effects = [fit.solution.model.effect(test.effect) for test in self.tests]
         budget = partial.budget_with(frozenset(map(partial.kind_of, effects)))
@@ -190,7 +190,7 @@ class FormCriteria:
         share_left = self._left / partial.budget.base**2
         self._is_as_good = share_left <= min(partial.budget.unexplained / AS_GOOD, 1.0 - MOST_OF_LAW)
         # An effect that explains less than a flexible regression of the residual may imitate the residual.
-        base, flexible = search.start.held_out_mean_square, fit.flexible.explained / count
+        base, flexible = search.start.held_out_mean_square, fit.flexible.explained / self._count
         self._least = max(SMALL * base, flexible, MIN_OF_UNEXPLAINED * self._unexplained)
         # A clear effect is larger than the noise, or than a small share of the base model's error.
         self._smallest = min(noise**2, SMALL * base)
@@ -199,8 +199,7 @@ class FormCriteria:
     def _explained(self, name: str) -> float:
         """Return the mean square that an effect removes [effort^2]."""
         reduced = self._search.without(self._fit, name)
-        without = cross_validated_error(reduced.problem, reduced.solution)
-        return without / max(int(self._fit.problem.used.sum()), 1) - self._left
+        return cross_validated_error(reduced.problem, reduced.solution) / self._count - self._left
 
     def failed_by(self, test: FormTest) -> str:
         """Return the first criterion that an effect does not meet, as a clause; empty if it meets all.
