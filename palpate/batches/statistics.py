@@ -79,19 +79,16 @@ def _prediction_interval(values: FloatArray, variances: FloatArray) -> tuple[flo
     """
     around = float(np.sum((values - values.mean()) ** 2)) + np.finfo(float).tiny
     spreads = around * np.array([0.0, *np.geomspace(1e-9, 1e9, 400)])  # squared
-    fits = []
-    for spread in spreads:
-        weights = 1.0 / (variances + spread)
-        mean = weights @ values / weights.sum()
-        fits.append((weights @ (values - mean) ** 2, mean, 1.0 / weights.sum()))
-    sums, means, mean_variances = np.array(fits).T
+    weights = 1.0 / (variances + spreads[:, None])
+    mean_variances = 1.0 / weights.sum(axis=1)
+    means = weights @ values * mean_variances
+    sums = np.sum(weights * (values - means[:, None]) ** 2, axis=1) + np.finfo(float).tiny
     drawn = chi2.ppf((np.arange(_NODES) + 0.5) / _NODES, len(values) - 1)
-    # the spread at which the sum of squares is as drawn, by the number of its place among `spreads`
-    place = np.interp(-np.log(drawn), -np.log(sums + np.finfo(float).tiny), np.arange(len(spreads)))
-    squared, mean, mean_variance = (
-        np.interp(place, np.arange(len(spreads)), each) for each in (spreads, means, mean_variances)
+    # mean and variance of the further value at the spreads at which the sum of squares is as drawn
+    mean, variance = (
+        np.interp(-np.log(drawn), -np.log(sums), each) for each in (means, spreads + mean_variances)
     )
-    scale = np.sqrt(squared + mean_variance)
+    scale = np.sqrt(variance)
 
     def beyond(value: float, share: float) -> float:
         return float(np.mean(ndtr((value - mean) / scale))) - share

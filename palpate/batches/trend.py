@@ -21,8 +21,8 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray
 
 LEVEL = 0.01  # probability of a false alarm in a whole table
-_PERMUTATIONS = 1_000  # permutations at a time
-_MOST_VALUES = 5_000_000  # values in all permutations of one time
+_PERMUTATIONS = 1_000  # least number of permutations of a series that may have changed
+_MOST_VALUES = 100_000  # values of all permutations at a time, few enough for the processor's cache
 _MOST_LARGER = 20  # permutations with as large a change that end the test (Besag and Clifford, 1991)
 _BESIDE = 2  # neighbors on each side with which a value is compared
 _ISOLATED = 8.0  # robust standard deviations from the nearest neighbor beyond which a value is left out
@@ -284,7 +284,7 @@ def _largest_change(
     observed = statistics(scaled[:, None])
     larger = tried = 0
     several = max(1, min(_PERMUTATIONS, _MOST_VALUES // len(begins)))
-    while larger < _MOST_LARGER and tried < 4.0 / level:
+    while larger < _MOST_LARGER and tried < max(_PERMUTATIONS, 4.0 / level):
         shuffled = rng.permuted(np.broadcast_to(scaled[:, None], (count, several)), axis=0)
         larger += int(np.count_nonzero(statistics(shuffled).max(axis=0) >= observed.max()))
         tried += several
