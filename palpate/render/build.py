@@ -130,18 +130,17 @@ def _as_estimate(name: str, saved: ParameterValue) -> ParameterEstimate:
 
 def axes_of(data: ChannelData) -> AxisLabels:
     """Return units for display: mm for contacts and sliding joints, rad for turning joints."""
-    unit, position = data.effort_unit, data.position_unit
-    milli = "mm" if position == "m" else f"0.001 {position}"
-    match data.kind:
-        case ChannelKind.CONTACT:
-            return AxisLabels(
-                f"contact force [{unit}]", unit, f"depth [{milli}]", f"velocity inwards [{milli}/s]"
-            )
-        case ChannelKind.SERVO:
-            return AxisLabels(f"goal error [{unit}]", unit, "position [rad]", "velocity [rad/s]")
-        case ChannelKind.PRISMATIC:
-            return AxisLabels(f"force [{unit}]", unit, f"position [{milli}]", f"velocity [{milli}/s]")
-    return AxisLabels(f"torque [{unit}]", unit, "position [rad]", "velocity [rad/s]")
+    effort, unit = data.effort_unit, data.position_unit
+    if not data.kind.is_angle:
+        unit = "mm" if unit == "m" else f"0.001 {unit}"
+    titles = {
+        ChannelKind.CONTACT: ("contact force", "depth", "velocity inwards"),
+        ChannelKind.SERVO: ("goal error", "position", "velocity"),
+        ChannelKind.PRISMATIC: ("force", "position", "velocity"),
+        ChannelKind.REVOLUTE: ("torque", "position", "velocity"),
+    }
+    what, place, speed = titles[data.kind]
+    return AxisLabels(f"{what} [{effort}]", effort, f"{place} [{unit}]", f"{speed} [{unit}/s]")
 
 
 def concatenated_times(data: ChannelData) -> FloatArray:

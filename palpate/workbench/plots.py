@@ -48,7 +48,7 @@ class DrawnMotion:
             runs: numbers of the runs to draw; empty for all.
         """
         axes = axes_of(data)
-        scale = _MILLI if "mm" in axes.position else 1.0
+        scale = 1.0 if data.kind.is_angle else _MILLI
         return cls(
             data, tuple(runs), axes, concatenated_times(data), scale * data.position, scale * data.velocity
         )

@@ -3,6 +3,7 @@
 import asyncio
 import os
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -128,6 +129,12 @@ def test_model_is_drawn_over_position_and_velocity_and_the_residual_on_the_base_
     assert np.isnan(traces[0]["x"]).sum() == 4 - 1  # gaps between four of the six runs
     one = state_figure(DrawnMotion.of(data, (2,)), None)["data"][0]["x"]
     assert not np.isnan(one).any()
+
+
+def test_strain_is_drawn_in_the_unit_of_its_axis(data):
+    motion = DrawnMotion.of(replace(data, proxy_units={"position": "strain"}))
+    assert motion.axes.position == "depth [0.001 strain]"
+    np.testing.assert_array_equal(motion.position, 1e3 * data.position)
 
 
 def panels(figure, narrow=False):
