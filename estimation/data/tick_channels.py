@@ -184,9 +184,9 @@ def contact_channels(ticks: Samples, *, tared: bool) -> tuple[ChannelData, ...]:
     chosen = ticks.select(good, _CONTACT_COLUMNS)
     contacts = find_contacts(chosen["force_n"], chosen["run"], chosen["phase"])
     pressed = [contact for contact in contacts if len(contact.rows) >= _MIN_CONTACT_SAMPLES]
-    tilted = [_is_tilted(contact, chosen, chosen[DIRECTION][0]) for contact in pressed]
+    straight = [contact for contact in pressed if not _is_tilted(contact, chosen, chosen[DIRECTION][0])]
     places: list[tuple[FloatArray, list[Contact]]] = []  # center of each place, and the contacts there
-    for contact in (contact for contact, is_tilted in zip(pressed, tilted, strict=True) if not is_tilted):
+    for contact in straight:
         first = contact.rows[0]
         direction, tip = chosen[DIRECTION][first], chosen["tip_position_world_m"][first]
         center = tip - (tip @ direction) * direction
@@ -197,14 +197,15 @@ def contact_channels(ticks: Samples, *, tared: bool) -> tuple[ChannelData, ...]:
             touches.append(contact)
     names = ["contact"] if len(places) == 1 else [f"contact_{number}" for number in range(1, len(places) + 1)]
     warning = (
-        f"{sum(tilted)} of {len(tilted)} presses have another direction than the first, which is taken as "
-        "the normal of the surface: their forces and the joint torques meanwhile are not used"
+        f"{len(pressed) - len(straight)} of {len(pressed)} presses have another direction than the first, "
+        "which is taken as the normal of the surface: their forces and the joint torques meanwhile are not "
+        "used"
     )
     return tuple(
         replace(
             _contact_channel(name, chosen, touches, tared=tared),
             sideways=min(_sideways(chosen, contact) for contact in touches),
-            import_warnings=(warning,) * any(tilted),
+            import_warnings=(warning,) * (len(straight) < len(pressed)),
         )
         for name, (_, touches) in zip(names, places, strict=True)
     )

@@ -16,8 +16,6 @@ from palpate.robot_io.errors import one_line
 _CONTROLS = r"[\x00-\x1f\x7f\x80-\x9f]"
 _FORMULA = r"^\s*[=+@-]."
 _NUMBER = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
-
-
 NOTES = "notes"  # key of a table's metadata: lines that a CSV file begins with, after "# "
 
 

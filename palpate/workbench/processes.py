@@ -21,8 +21,6 @@ from palpate.robot_io.errors import PalpateError
 from palpate.study import Study
 
 _POLL_S = 0.1
-
-
 _STOPPED = "stopped; nothing was changed"
 
 
@@ -103,10 +101,9 @@ def running_diagnosis() -> DiagnosisProcess | None:
 
 
 def stop_diagnoses() -> None:
-    """Stop all diagnoses when the server ends, which would otherwise wait for them."""
-    if RUNNING:
+    """Stop the running diagnosis when the server ends, which would otherwise wait for it."""
+    if (diagnosis := running_diagnosis()) is not None:
         console.warn("the server ended during a diagnosis, which was stopped and has no result")
-    for diagnosis in tuple(RUNNING):
         diagnosis.stop()
 
 
