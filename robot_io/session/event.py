@@ -103,7 +103,7 @@ def _event_type() -> descriptor_pb2.DescriptorProto:
 
 
 def event_descriptor_set() -> bytes:
-    """Serialise the events' message type as a FileDescriptorSet."""
+    """Serialize the events' message type as a FileDescriptorSet."""
     return file_descriptor_set(_event_type())
 
 

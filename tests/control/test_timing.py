@@ -25,7 +25,7 @@ def filled(durations_s) -> Histogram:
 @given(st.lists(st.floats(1e-7, 30.0), min_size=1, max_size=200), st.floats(0.1, 100.0))
 def test_percentiles_agree_with_numpy_for_any_durations(durations_s, percent):
     rank = percent / 100.0 * len(durations_s)
-    assume(abs(rank - round(rank)) > 1e-6)  # at whole ranks numpy's own rounding may take the neighbour
+    assume(abs(rank - round(rank)) > 1e-6)  # at whole ranks numpy's own rounding may take the neighbor
     expected = np.percentile(durations_s, percent, method="inverted_cdf")
     assert filled(durations_s).percentile(percent) == pytest.approx(expected, rel=BIN_ERROR)
 
