@@ -168,8 +168,8 @@ class ColumnUnits:
             effort, constant, example = PROXIES[dimension]
             note = (
                 f"column '{column}' is a {dimension} used as the {role.quantity}: "
-                f"1 {si_unit(dimension)} counts as 1 {effort}; give the {constant}, as in "
-                f"--unit {role.numbered}={example}"
+                f"results are in {si_unit(dimension)}, not {effort}; for {effort}, give the {constant}, "
+                f"as in --unit {role.numbered}={example}"
             )
         elif not user_unit:
             is_capital = " ".join(self.table.names).isupper()

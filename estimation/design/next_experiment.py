@@ -205,7 +205,7 @@ def propose_kind_separating_experiment(effect: Effect, kind: Kind, data: Channel
         data: the recorded channel.
     """
     return NextExperiment(
-        purpose=f"tell {effect.name} from another law of {kind.word}",
+        purpose=f"tell {effect.name} from a law of {kind.word}",
         separates=[effect.name],
         instruction=f"{separating_experiment(effect.kind, kind)} ({_describe_recorded(data)})",
         probe={},

@@ -226,7 +226,7 @@ def test_current_is_used_as_torque_without_a_constant(press, units, factor):
     np.testing.assert_allclose(channel.effort, factor * current)
     np.testing.assert_allclose(channel.position, np.radians(np.sin(T)))
     unknown = "torque" not in units
-    assert any("1 A counts as 1 N m" in note for note in imported.notes) is unknown
+    assert any("results are in A, not N m" in note for note in imported.notes) is unknown
     assert channel.effort_unit == ("A" if unknown else "N m")
 
 

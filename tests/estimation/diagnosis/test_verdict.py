@@ -219,7 +219,7 @@ def test_form_is_not_exact_if_the_law_of_another_kind_fits_as_well(hidden, form)
         return
     assert friction.replaceable_by[0] is Kind.RATE_DEPENDENCE
     assert friction.necessary < 0.01 < 0.9 < friction.sufficient
-    assert found.next_experiment.purpose == "tell coulomb_friction from another law of rate dependence"
+    assert found.next_experiment.purpose == "tell coulomb_friction from a law of rate dependence"
     assert "a tenth of the speed" in found.next_experiment.instruction
 
 
