@@ -207,7 +207,7 @@ def write_feedforward(
         "joints": table,
         "left_out": left_out,
     }
-    about = [f"{source}.", *notes, *(f"not in it: {line}" for line in left_out)]
+    about = [f"{source}.", *notes, *(f"left out or doubtful: {line}" for line in left_out)]
     lines = [as_comment(line) for line in about]
     py_lines = (f"    {name} = (\n{_lines(parts)}\n    )\n" for name, parts in _EQUATIONS.items())
     c_lines = (f"        double {name} =\n{_lines(parts)};\n" for name, parts in _EQUATIONS.items())

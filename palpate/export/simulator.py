@@ -29,7 +29,7 @@ def _isaaclab_text(arm: TargetArm) -> str:
         "",
         "from isaaclab.actuators import ImplicitActuatorCfg",
         "",
-        *(f"# not in it: {as_comment(line)}" for line in arm.left_out),
+        *(f"# left out or doubtful: {as_comment(line)}" for line in arm.left_out),
         "ACTUATORS = {",
     ]
     for joint in arm.joints:

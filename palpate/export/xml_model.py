@@ -74,7 +74,7 @@ class PatchedModel:
 
     text: str  # text of the file
     used: tuple[str, ...]  # what was written, one line each
-    left_out: tuple[str, ...]  # what is not in it or was kept, one line each
+    left_out: tuple[str, ...]  # what is not in it, was kept or is doubtful, one line each
 
 
 def patch_mjcf(
@@ -439,7 +439,7 @@ def _patched(
     """Join the text before the root, comments on omitted effects, and the changed root."""
     out = (*arm.left_out, *left_out)
     lines = [f"Patched by palpate export from {arm.source}.", *arm.notes]
-    lines += [f"not in it: {line}" for line in out]
+    lines += [f"left out or doubtful: {line}" for line in out]
     comments = "".join(f"<!-- {_xml_comment(line)} -->\n" for line in lines)
     head, opened, _ = before.partition(f"<{root.tag}")
     head = head if opened and head.count("<!--") == head.count("-->") else ""

@@ -243,7 +243,7 @@ def test_contradicting_settings_of_the_file_are_kept_and_reported():
     assert "hand made" in result.text
     assert "<!-- mine -->" in result.text
     assert "from - - a fit" in result.text
-    assert "not in it: joint_2: damping 0.7" in result.text
+    assert "left out or doubtful: joint_2: damping 0.7" in result.text
 
 
 @pytest.mark.parametrize(
