@@ -355,16 +355,17 @@ def _only_column(content: bytes) -> FileColumns | None:
 def _raise_no_table(content: bytes, path: Path) -> TextDialect:
     """Raise the error that explains why no table was found."""
     line, *rest = content.lstrip().splitlines()
-    header = line.decode(errors="replace")
     if not any(rest):
         raise InputError(f"{path}: no rows of data")
     first = next((line.decode(errors="replace") for line in rest if line.strip()), "")
     remedy = "write the column names in one line, with numbers below each name"
     if with_unit := _WITH_UNIT.search(first):
         remedy = f"write a unit in the name of its column, not behind numbers as in {with_unit[0]!r}"
+    texts = (" ".join(text.split())[:_SHOWN] for text in (line.decode(errors="replace"), first))
+    begin = ", then ".join(repr(text) for text in texts if text)
     raise InputError(
         f"{path}: no line of column names above rows of numbers was found; the file begins with "
-        f"{' '.join(header.split())[:_SHOWN]!r}; {remedy}; if it is not a measurement, leave it out"
+        f"{begin}; {remedy}; if it is not a measurement, leave it out"
     )
 
 

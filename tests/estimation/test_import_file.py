@@ -534,6 +534,7 @@ HEADER = b"time_s,displacement_m,force_N\n"
         ("half.csv", TEXT.encode("utf-16")[:-1], "is not a text file; save it as CSV in UTF-8"),
         ("binary.csv", bytes(range(256)), "is not a text file"),
         ("words.csv", "a letter\n\nDear Sir,\n1,2\n", "no line of column names"),
+        ("first.csv", "time [s],force [N]\n0,over\n1,2\n", "'time [s],force [N]', then '0,over'; write"),
         ("endless.csv", HEADER + b"1" * 3_000_000 + b"\n", "a line is longer than 1 MiB"),
         ("wide.csv", b"," * 2_000_000 + b"\n1,2\n", "its first line is longer than 1 MiB"),
         ("torn.csv.gz", gzip.compress(HEADER + b"1,2,3\n" * 9, mtime=0)[:25], "cannot be read"),
