@@ -514,10 +514,10 @@ def _passive_power(channel: ChannelData) -> float:
     Source: J. C. Willems, Arch. Rational Mech. Anal. 45 (1972), dissipative systems.
     """
     place = channel.position - channel.position.mean()
-    law = np.column_stack([(place / (float(np.ptp(place)) or 1.0)) ** power for power in range(4)])
+    law = scipy.linalg.orth(np.vander(place / (float(np.ptp(place)) or 1.0), 4))
 
     def beside_position(signal: FloatArray) -> FloatArray:
-        return np.asarray(signal - law @ np.linalg.lstsq(law, signal, rcond=None)[0])
+        return np.asarray(signal - law @ (law.T @ signal))
 
     velocity, acceleration = map(beside_position, (channel.velocity, channel.acceleration))
     motion = np.column_stack([velocity, acceleration])
