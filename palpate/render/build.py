@@ -41,7 +41,6 @@ from palpate.render.view import (
 from palpate.robot_io.extras import missing_package
 from palpate.robot_io.types import BoolArray, FloatArray
 
-_TO_MILLI = 1e3
 _GAP = 0.05  # gap between runs on the time axis, as a share of the mean run
 _SAME_SPEED = 1.06  # ratio up to which speeds count as the same
 _INWARD = (Phase.APPROACH, Phase.LOADING, UNKNOWN_PHASE)
@@ -69,7 +68,7 @@ def channel_view(
         scored: samples whose error counts (n,); by default those where the last stage has a residual.
         notes: further sentences.
     """
-    scale = 1.0 if data.kind.is_angle else _TO_MILLI
+    scale, _ = display_unit(data)
     if scored is None:
         scored = np.isfinite(stages[-1].residual) if stages else np.ones(len(data), dtype=np.bool_)
     fall = [(stage.label, stage.rmse) for stage in stages]
@@ -128,11 +127,14 @@ def _as_estimate(name: str, saved: ParameterValue) -> ParameterEstimate:
     return ParameterEstimate(name, saved.unit, saved.value, std_err, saved.interval, saved.at_bound)
 
 
+def display_unit(data: ChannelData) -> tuple[float, str]:
+    """Return the factor and the unit in which positions are displayed: mm for lengths."""
+    return (1e3, "mm") if data.position_unit == "m" else (1.0, data.position_unit)
+
+
 def axes_of(data: ChannelData) -> AxisLabels:
-    """Return units for display: mm for contacts and sliding joints, rad for turning joints."""
-    effort, unit = data.effort_unit, data.position_unit
-    if not data.kind.is_angle:
-        unit = "mm" if unit == "m" else f"0.001 {unit}"
+    """Return the titles of a channel's axes, with the units of its display."""
+    effort, (_, unit) = data.effort_unit, display_unit(data)
     titles = {
         ChannelKind.CONTACT: ("contact force", "depth", "velocity inwards"),
         ChannelKind.SERVO: ("goal error", "position", "velocity"),
@@ -159,6 +161,7 @@ def _run_speeds(data: ChannelData) -> dict[int, str]:
     """Describe each run's speed, the slowest first; empty if all runs have the same speed."""
     if data.kind is not ChannelKind.CONTACT:
         return {}
+    scale, unit = display_unit(data)
     speeds = dict[int, float]()
     for rows in blocks(data.run):
         # Median over the distance: it leaves out acceleration, and slow motion while the force settles.
@@ -167,14 +170,14 @@ def _run_speeds(data: ChannelData) -> dict[int, str]:
         if data.run[rows.start] >= 0:
             covered = np.cumsum(inward)  # proportional to the distance, for even sampling
             speed = inward[np.searchsorted(covered, covered[-1] / 2)] if len(inward) else 0.0
-            speeds[int(data.run[rows.start])] = _TO_MILLI * float(speed)
+            speeds[int(data.run[rows.start])] = scale * float(speed)
     groups = list[list[tuple[int, float]]]()
     for run, speed in sorted(speeds.items(), key=lambda pair: pair[1]):
         if not groups or speed > _SAME_SPEED * groups[-1][0][1]:
             groups.append([])
         groups[-1].append((run, speed))
     means = [float(np.mean([speed for _, speed in group])) for group in groups]
-    words = [f"{mean:.0f} mm/s" if mean >= 10 else f"{mean:.2g} mm/s" for mean in means]
+    words = [f"{mean:.0f} {unit}/s" if mean >= 10 else f"{mean:.2g} {unit}/s" for mean in means]
     alike = len(groups) < 2
     return {} if alike else {run: word for word, group in zip(words, groups, strict=True) for run, _ in group}
 

@@ -11,7 +11,7 @@ from nicegui import events, ui
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.estimate import with_unit
 from palpate.render import palette
-from palpate.render.build import axes_of, concatenated_times
+from palpate.render.build import axes_of, concatenated_times, display_unit
 from palpate.render.thinning import even_places, peak_rows
 from palpate.render.view import AxisLabels, ResidualMap, residual_map
 from palpate.robot_io.errors import InputError
@@ -23,7 +23,6 @@ from palpate.workbench.state import DisplayedFit, WorkbenchState
 MOST_POINTS = 1200  # points of a curve over time
 MOST_OF_STATE = 900
 _FEW = 4  # number of runs over the state if none were chosen
-_MILLI = 1e3
 MODEL, LEFT = 2, 4  # numbers of the model's traces over time
 Prediction = tuple[FloatArray, FloatArray]  # effort and residual of a model, (n,) each
 
@@ -47,11 +46,8 @@ class DrawnMotion:
             data: the channel, n samples.
             runs: numbers of the runs to draw; empty for all.
         """
-        axes = axes_of(data)
-        scale = 1.0 if data.kind.is_angle else _MILLI
-        return cls(
-            data, tuple(runs), axes, concatenated_times(data), scale * data.position, scale * data.velocity
-        )
+        (scale, _), time_s = display_unit(data), concatenated_times(data)
+        return cls(data, tuple(runs), axes_of(data), time_s, scale * data.position, scale * data.velocity)
 
     @property
     def scored(self) -> BoolArray:

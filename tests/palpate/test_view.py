@@ -168,6 +168,8 @@ def contact():
 
 def test_runs_are_named_by_speed_from_slow_to_fast(contact):
     assert _run_speeds(contact) == {2: "60 mm/s", 1: "90 mm/s", 0: "150 mm/s"}
+    strain = replace(contact, proxy_units={"position": "strain"})
+    assert _run_speeds(strain) == {2: "0.06 strain/s", 1: "0.09 strain/s", 0: "0.15 strain/s"}
     assert _run_speeds(contact.select(contact.run == 0)) == {}
     assert list(_run_speeds(replace(contact, phase=np.full(len(contact), -1)))) == [2, 1, 0]
     nearly = np.where(contact.run == 1, 0.98 * 150 / 90, 1.0) * contact.velocity

@@ -133,8 +133,8 @@ def test_model_is_drawn_over_position_and_velocity_and_the_residual_on_the_base_
 
 def test_strain_is_drawn_in_the_unit_of_its_axis(data):
     motion = DrawnMotion.of(replace(data, proxy_units={"position": "strain"}))
-    assert motion.axes.position == "depth [0.001 strain]"
-    np.testing.assert_array_equal(motion.position, 1e3 * data.position)
+    assert motion.axes.position == "depth [strain]"
+    np.testing.assert_array_equal(motion.position, data.position)
 
 
 def panels(figure, narrow=False):
