@@ -94,7 +94,8 @@ def _prediction_interval(values: FloatArray, variances: FloatArray) -> tuple[flo
         return float(np.mean(ndtr((value - mean) / scale))) - share
 
     ends = float(np.min(mean - 9.0 * scale)), float(np.max(mean + 9.0 * scale))
-    low, high = (brentq(beyond, *ends, args=(share,)) for share in (0.025, 0.975))
+    exact = 1e-12 * (ends[1] - ends[0])
+    low, high = (brentq(beyond, *ends, args=(share,), xtol=exact) for share in (0.025, 0.975))
     return low, high
 
 

@@ -46,11 +46,12 @@ def test_intervals_have_their_nominal_coverage(number):
     assert 0.92 <= predicted / 600 <= 0.98
 
 
-def test_prediction_from_exact_values_is_student_s_interval():
-    values = np.array([1.0, 2.0, 4.0])
+@pytest.mark.parametrize("unit", [1.0, 1e-12])
+def test_prediction_from_exact_values_is_student_s_interval(unit):
+    values = unit * np.array([1.0, 2.0, 4.0])
     half = t.ppf(0.975, 2) * values.std(ddof=1) * np.sqrt(1.0 + 1.0 / 3.0)
     expected = values.mean() - half, values.mean() + half
-    assert random_effects(values, np.zeros(3)).prediction == pytest.approx(expected, rel=1e-3)
+    assert random_effects(values, np.zeros(3)).prediction == pytest.approx(expected, rel=1e-3, abs=0.0)
 
 
 @pytest.mark.parametrize("number", [3, 5, 10])
