@@ -47,6 +47,12 @@ class AxisLabels:
         """Title of an axis of residuals."""
         return f"measured − model [{self.effort_unit}]"
 
+    @property
+    def heading(self) -> str:
+        """Heading of the curves of effort over position."""
+        effort, position = (title.partition(" [")[0] for title in (self.effort, self.position))
+        return f"{effort} over {position}".capitalize()
+
 
 @dataclass(frozen=True)
 class StageView:

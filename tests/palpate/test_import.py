@@ -144,6 +144,7 @@ def test_report_states_how_the_file_was_read(tmp_path, monkeypatch):
     page = (tmp_path / "report.html").read_text()
     assert "How the data were read" in page
     assert "results are in A, not N m" in page
+    assert "Torque over position" in page
 
 
 def test_import_preview_shows_columns_runs_and_phases_and_stores_nothing(tmp_path, monkeypatch):

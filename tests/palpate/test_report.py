@@ -215,7 +215,7 @@ class TestFigures:
         names = ["kelvin_voigt", "kelvin_voigt + bias"]
         names.append(f"{names[1]} + cubic_stiffness")
         assert shown == dict(zip(names, (True, "legendonly", True), strict=True))
-        assert "Force over displacement" in document(StudyView("f", (result_view(grown),)))
+        assert "Contact force over depth" in document(StudyView("f", (result_view(grown),)))
 
     def test_both_maps_share_one_scale_and_a_notebook_gets_one_figure(self, result):
         first, last = report.map_figure(result_view(result)).data

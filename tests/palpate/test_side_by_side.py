@@ -291,7 +291,7 @@ def test_command_prints_and_writes_the_same(soft, stiff, tmp_path):
     report = (tmp_path / "report.html").read_text()
     assert "--channel contact" in report  # the command that makes the report again
     assert "soft.csv and stiff.csv" in report
-    assert all(title in report for title in ("Force over displacement", "Autocorrelation", "B as measured"))
+    assert all(title in report for title in ("Contact force over depth", "Autocorrelation", "B as measured"))
     entities = {chunk.entity_path for chunk in RrdReader(tmp_path / "sides.rrd").stream().to_chunks()}
     assert {"/contact/effort/A", "/contact/effort/B", "/contact/residual/B"} <= entities
 
