@@ -508,7 +508,7 @@ def _refuse_other_units(channels: Sequence[ChannelData], *, is_gain_known: bool 
             )
         if data.kind is ChannelKind.SERVO and not is_gain_known:
             raise InputError(
-                f"{data.name}: is in rad of goal error, and a simulator needs N m; state the servo's gain "
+                f"{data.name}: its effort is a goal error [rad], and a simulator needs N m; give the gain "
                 "[N m/rad] with --servo-gain (mjcf, urdf, isaaclab, bam), or multiply goal minus position by "
                 "it and add the product as a column torque_Nm (torque_1_Nm, ... if positions are numbered)"
             )

@@ -134,7 +134,7 @@ _JOINT_COLUMNS = {*_SHARED_COLUMNS, "torque_measured_nm", "torque_at_s", "force_
 USED_COLUMNS = {*_CONTACT_COLUMNS, *_JOINT_COLUMNS, *_COLUMNS_BY_STATUS, "time_s"}
 _SAME_PLACE_M = 0.005  # largest distance across the press direction between contacts at one place
 _SAME_DIRECTION = np.cos(np.radians(2.0))
-_FREE_SIDEWAYS = 3.0  # ratio to the travel across in free air up to which no press is taken for tilted
+_FREE_SIDEWAYS = 3.0  # ratio to the travel across in free air above which a press may be tilted
 _CONTACT_MARGIN_S = 0.05  # time before and after a certain contact in which there may also be contact
 _MIN_CONTACT_SAMPLES = 20  # least number of samples in contact for an estimate
 
@@ -284,7 +284,7 @@ def _is_tilted(contact: Contact, ticks: Samples, normal: FloatArray) -> bool:
 
 
 def _sideways(ticks: Samples, contact: Contact) -> float:
-    """Return the travel across the press direction relative to the depth; 0 if it is as large in free air."""
+    """Return the travel across the press direction relative to the depth; 0 if similar in free air."""
     first, length = contact.rows[0], len(contact.rows)
     direction = ticks[DIRECTION][first]
     before = np.flatnonzero(ticks["run"][:first] == contact.run)[-length:]

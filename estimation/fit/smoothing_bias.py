@@ -83,10 +83,10 @@ def looks_like_smoothing(
 def is_in_smoothed_effort(
     problem: FitProblem, solution: Solution, change: FloatArray, filters: DifferentiationFilter
 ) -> bool:
-    """Return whether an effort that is smoothed like the motion still contains a change of the prediction.
+    """Return whether the effort, smoothed like the motion, still contains a change of the prediction.
 
-    If the filters of the motion cause the change, the model without it describes the smoothed effort. The
-    corners of an effort beside the rounded corners of an acceleration look like a saturation, for example.
+    If the filters of the motion cause the change, the model without it describes the smoothed effort. For
+    example, an effort with sharp corners looks like a saturation beside an acceleration with rounded corners.
 
     Args:
         problem: data on m blocks.

@@ -152,7 +152,7 @@ def drop_inseparable(
 ) -> ChannelDiagnosis:
     """Drop explanations that no experiment separates from a simpler one that they contain.
 
-    The experiment that separates other explanations stays.
+    The proposed experiment is kept, because it separates other explanations.
 
     Args:
         study: the measurement and its fits.

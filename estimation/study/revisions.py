@@ -113,9 +113,7 @@ class Revisions:
         """
         known = {revision.number: revision for revision in self.all()}
         if number not in known:
-            listed = (
-                ", ".join(str(n) for n in known) or "none yet: leave the number out to use the base model"
-            )
+            listed = ", ".join(str(n) for n in known) or "none yet; omit the number to use the base model"
             raise InputError(f"no revision {number} in {self._folder or 'memory'}. Available: {listed}")
         return known[number]
 

@@ -9,8 +9,8 @@ import numpy as np
 from palpate.batches.statistics import neighbor_spread_squared
 from palpate.robot_io.types import FloatArray
 
-LEAST = 10  # measurements of a series that is tested, and of a line
-SIDE = 3  # measurements of a constant
+LEAST = 10  # smallest number of measurements of a tested series, and of a line
+SIDE = 3  # smallest number of measurements of a constant
 _ROUNDS = 3
 _SWEEPS = 10
 
@@ -71,7 +71,7 @@ class PiecewiseFit:
         return float(before @ self._coefficients), float(after @ self._coefficients), float(np.sqrt(variance))
 
     def slope_p_value(self, begin: int, end: int) -> float:
-        """Return the p-value of the smallest test that found a slope, or the steps instead of one, here.
+        """Return the smallest p-value of the slopes found around a line, or of the steps that it replaces.
 
         Args:
             begin: first place of a line.

@@ -58,7 +58,7 @@ class TrendChange:
 
     kind: str  # "step" or "drift"
     first: int  # place in the series: first measurement after a step, or at which a drift begins
-    last: int  # last measurement of the change: of the level after a step, which may drift on
+    last: int  # last measurement of a drift, or of the level after a step, which may itself drift
     before: float  # value before a step, or at the beginning of a drift
     after: float  # value after a step, or at the end of a drift
     std_err: float  # standard error of the difference
@@ -273,7 +273,7 @@ def _largest_change(
     size = ends - begins - np.sum((known[ends] - known[begins]) ** 2, axis=1)
 
     def statistics(scaled: FloatArray) -> FloatArray:
-        """Return squared z values (K + 1, m) of each stretch, and of a drift last, in m series (n, m)."""
+        """Return squared z values (K + 1, m) of m series (n, m): a row for each stretch, one for a drift."""
         rest = scaled - basis @ (basis.T @ scaled)
         # Half the mean squared difference of neighbors (von Neumann, Ann. Math. Stat. 12 (1941) 367).
         variance = 1e-200 + 0.5 * np.mean(np.diff(scaled, axis=0) ** 2, axis=0)

@@ -402,8 +402,8 @@ class _Drive:
 
         Args:
             at_s: time of the reading [s].
-            is_bound: whether a drive is at the end of its range. A larger torque may stand behind the largest
-                reading so far, but none of the other sign.
+            is_bound: whether a drive is at the end of its range. The torque may then exceed the largest
+                reading so far, but it cannot have the other sign.
         """
         low_nm, high_nm = self.low_nm, self.high_nm
         sign, least_nm, most_nm = (1.0, low_nm, high_nm) if low_nm > 0.0 else (-1.0, -high_nm, -low_nm)

@@ -110,7 +110,7 @@ def test_comparison_finds_nothing_missing_in_errors_of_a_coarse_encoder(k3, fits
     assert compared.lack_of_fit > 2.0
     assert compared.fits is compared.is_complete is fits
     assert bool(compared.kinds) is not fits
-    assert ("show a missing effect: the noise may be larger" in compared.words[0]) is fits
+    assert ("show a missing effect. The noise may be larger" in compared.words[0]) is fits
 
 
 def moves_and_rests(seed, held_nm):
