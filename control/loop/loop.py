@@ -116,7 +116,7 @@ class _Loop:
         self._robot, self._guard, self._clock = stop_handler.robot, stop_handler.guard, stop_handler.clock
         self._journal, self._stop, self._task = stop_handler.journal, stop_handler, task
         self._period_s, self._grid = period_s, TickGrid(self._clock.now_s(), period_s)
-        self._ticked_s = math.inf  # when the previous tick began [s]
+        self._ticked_s = math.inf  # when the previous tick began, or the torque was switched on [s]
         self._timing = LoopTiming()
         self._reference_rad: FloatArray | None = None  # joint reference of the tick before
         self._log_s = 0.0  # duration of logging in the previous tick
@@ -143,7 +143,8 @@ class _Loop:
                 self._stop.check_requests()
             if not self._guard.tripped:
                 self._robot.activate()
-                self._grid = TickGrid(self._clock.now_s() + self._period_s, self._period_s)
+                self._ticked_s = self._clock.now_s()
+                self._grid = TickGrid(self._ticked_s + self._period_s, self._period_s)
                 self._stop.check_requests()  # nothing holds the arm yet, so that no safe stop is needed
                 periods, ended = 1, self._guard.tripped is not None
                 while not ended:
@@ -188,7 +189,7 @@ class _Loop:
         self._stop.check_requests()
         gap_s, self._ticked_s = now_s - self._ticked_s, now_s
         if gap_s > self._period_s + guard.longest_hold_up_s:  # the drives may have let go of the arm
-            guard.trip(f"the program was held up for {gap_s:.3g} s between two ticks")
+            guard.trip(f"the program was held up for {gap_s:.3g} s before a tick")
         measurement = self._read(now_s)
         read = perf_counter()
         guard.watch(measurement, self._reference_rad)

@@ -10,7 +10,7 @@ from palpate.robot_io.guard import Guard
 from palpate.robot_io.types import Status
 from palpate.sim_backend.emulators import FaultKind
 from tests.control.loop_parts import MemoryLog, SwingTask
-from tests.wire.parts import CUBEMARS, DAMIAO, MOTEUS, ODRIVE, ROBSTRIDE
+from tests.wire.parts import CUBEMARS, DAMIAO, DYNAMIXEL, MOTEUS, ODRIVE, ROBSTRIDE, SO101
 
 
 class Start(SwingTask):
@@ -25,11 +25,11 @@ class Start(SwingTask):
         self.started_s = self._clock.now_s()
 
 
-def begin(arm):
+def begin(arm, **options):
     limits = arm.arm.robot_file.limits
     guard = Guard(limits, arm.arm.robot_file.safe_state, arm.robot.joint_count, lambda _: [0.0] * 3)
-    task = Start(arm.clock)
-    return run_loop(arm.robot, guard, task, arm.clock, MemoryLog(), rate_hz=1000.0), task, limits
+    task, rate_hz = Start(arm.clock), 1.0 / arm.period_s
+    return run_loop(arm.robot, guard, task, arm.clock, MemoryLog(), rate_hz=rate_hz, **options), task, limits
 
 
 @pytest.mark.parametrize("robot_file", [ODRIVE, CUBEMARS], ids=["odrive", "cubemars"])
@@ -44,6 +44,20 @@ def test_loop_starts_with_new_samples_after_any_pause(make_robot, robot_file, pa
     assert task.started_s - measurement.encoder_at_s <= limits.encoder_age_s
     assert task.started_s - measurement.torque_at_s <= limits.torque_age_s
     assert task.started_s - measurement.force_at_s <= limits.force_age_s
+
+
+@pytest.mark.parametrize(
+    "robot_file", [ODRIVE, CUBEMARS, DAMIAO, ROBSTRIDE, MOTEUS, DYNAMIXEL, SO101], ids=lambda path: path.stem
+)
+def test_stall_after_the_activation_stops_the_arm(make_robot, robot_file):
+    """Feetech servos held their position meanwhile, and the task began."""
+    arm = make_robot(robot_file)
+    arm.robot.configure()
+    held_s = iter((0.0, 0.15))  # before and after the activation
+    result, task, _ = begin(arm, stop=lambda: arm.clock.sleep_until(arm.clock.now_s() + next(held_s, 0.0)))
+    assert result.cause.startswith("the program was held up for 0.15")
+    assert not task.steps
+    assert not arm.drive_torque_nm.any()
 
 
 @pytest.mark.parametrize("robot_file", [ODRIVE, CUBEMARS], ids=["odrive", "cubemars"])
