@@ -70,3 +70,13 @@ def one_line(text: object) -> str:
         text: anything.
     """
     return "".join(char if char.isprintable() else "?" for char in " ".join(str(text).split()))
+
+
+def error_text(error: Exception) -> str:
+    """Write an exception for a message: one line, with its type unless the text is meant for users.
+
+    Args:
+        error: the exception; the text of a `PalpateError` is meant for users.
+    """
+    text = one_line(error)
+    return text if isinstance(error, PalpateError) else f"{type(error).__name__}: {text}"

@@ -8,12 +8,12 @@ from time import perf_counter
 import numpy as np
 
 from palpate.control.loop.result import LoopResult, Outcome
-from palpate.control.loop.stop_handler import InterruptFlag, StopHandler, one_line
+from palpate.control.loop.stop_handler import InterruptFlag, StopHandler
 from palpate.control.loop.task import Phase, Task, TaskOutput, blank_output, checked_output
 from palpate.control.loop.tick_record import NO_ESTIMATE, Journal, Observer, Tick, TickLog
 from palpate.control.loop.timing import LoopTiming, TickDurations, TickGrid
 from palpate.robot_io.clock import Clock
-from palpate.robot_io.errors import DeviceTimeoutError, InputError, SafetyTripError
+from palpate.robot_io.errors import DeviceTimeoutError, InputError, SafetyTripError, error_text
 from palpate.robot_io.guard import Guard
 from palpate.robot_io.robot import Robot
 from palpate.robot_io.types import Command, FloatArray, Measurement, Status
@@ -160,7 +160,7 @@ class _Loop:
             try:
                 self._robot.deactivate()
             except Exception as error:
-                self._deactivation_error = one_line(error)
+                self._deactivation_error = error_text(error)
                 self._stop.fail("switching the torque off", error)
 
     def result(self) -> LoopResult:

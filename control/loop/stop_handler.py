@@ -10,7 +10,7 @@ from typing import Any, Self
 from palpate.control.loop.result import Outcome
 from palpate.control.loop.tick_record import Journal
 from palpate.robot_io.clock import Clock
-from palpate.robot_io.errors import PalpateError
+from palpate.robot_io.errors import error_text
 from palpate.robot_io.guard import Guard
 from palpate.robot_io.robot import Robot
 
@@ -105,7 +105,7 @@ class StopHandler:
         """
         if not isinstance(error, Exception):  # SystemExit and others count as failures
             error = RuntimeError(f"{type(error).__name__} {error}")
-        text = f"{what}: {one_line(error)}"
+        text = f"{what}: {error_text(error)}"
         if not self.guard.tripped:
             self.error = error
             self.guard.trip(text)
@@ -124,13 +124,3 @@ class StopHandler:
             remedies = (trip.remedy,) if trip.remedy else ()
             self._cause = "; ".join((trip.cause, *buses, *samples, *remedies))
             self.journal.event(self.clock.now_s(), "stop" if self._on_request else "trip", self._cause)
-
-
-def one_line(error: Exception) -> str:
-    """Write an exception without line breaks, with its type unless the text is meant for users.
-
-    Args:
-        error: the exception; the text of a `PalpateError` is meant for users.
-    """
-    text = " ".join(str(error).split())
-    return text if isinstance(error, PalpateError) else f"{type(error).__name__}: {text}"

@@ -7,6 +7,7 @@ from typing import NamedTuple, Protocol
 
 from palpate.control.loop.task import Phase, TaskOutput
 from palpate.control.loop.timing import TickDurations
+from palpate.robot_io.errors import error_text
 from palpate.robot_io.session import Column, Stream
 from palpate.robot_io.types import FloatArray, Measurement
 
@@ -167,7 +168,7 @@ class Journal:
             return float(stiffness_n_m), float(damping_n_s_m), float(surface_m)
         except Exception as error:
             self._observer = None
-            self.observer_error = f"{type(error).__name__}: {error}"
+            self.observer_error = error_text(error)
             text = f"online estimation is off: {self.observer_error}"
             self.event(measurement.time_s, "observer_failed", text)
             return NO_ESTIMATE
@@ -192,5 +193,5 @@ class Journal:
     def _log_failed(self, error: Exception, time_s: float) -> None:
         self.log_failures += 1
         if not self.log_error:
-            self.log_error = f"{type(error).__name__}: {error}"
+            self.log_error = error_text(error)
             self.event(time_s, "log_failed", f"a record could not be logged: {self.log_error}")

@@ -18,12 +18,11 @@ import numpy as np
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.laws.gains import gains_of
 from palpate.control.laws.hybrid import HybridController
-from palpate.control.loop.stop_handler import one_line
 from palpate.control.loop.task import Phase, TaskOutput, make_output
 from palpate.control.loop.tick_record import NO_ESTIMATE
 from palpate.control.paths.trajectory import JointMotion
 from palpate.robot_io.calibration.applied import load_calibrations
-from palpate.robot_io.errors import InputError, LifecycleError, PalpateError
+from palpate.robot_io.errors import InputError, LifecycleError, PalpateError, error_text
 from palpate.robot_io.types import FloatArray, Measurement, frozen_array
 from palpate.runs.session import ArmJob, arm_session
 
@@ -326,6 +325,6 @@ def main(descriptor: int) -> None:
         try:
             run_following(line.recv(), line)
         except PalpateError as error:
-            print(f"error: {one_line(error)}", file=sys.stderr, flush=True)
+            print(f"error: {error_text(error)}", file=sys.stderr, flush=True)
             with suppress(OSError):  # the program has died
                 line.send(error)

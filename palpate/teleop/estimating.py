@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.common.worker_process import start_worker
-from palpate.control.loop.stop_handler import one_line
 from palpate.control.loop.tick_record import tick_stream
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.data.contact import find_contacts
@@ -22,7 +21,7 @@ from palpate.estimation.data.tick_channels import contact_channels
 from palpate.estimation.diagnosis.result import ParameterValue
 from palpate.estimation.workers import end_with_parent
 from palpate.export.scenario import FittedChannel, export_scenario
-from palpate.robot_io.errors import InputError
+from palpate.robot_io.errors import InputError, error_text
 from palpate.robot_io.link.messages import MOST_TEXT, EstimatedParameter, ObjectEstimate
 from palpate.robot_io.session import Samples, Stream
 from palpate.robot_io.types import FloatArray
@@ -164,7 +163,7 @@ def _serve(pipe: Connection, estimate: EstimateFunction, nice: int) -> None:
         except InputError as error:
             pipe.send(f"no estimate: {error}")
         except Exception as error:  # an error must not end the estimates of other targets
-            pipe.send(f"no estimate: {one_line(error)}")
+            pipe.send(f"no estimate: {error_text(error)}")
 
 
 class _Contact(NamedTuple):

@@ -19,7 +19,6 @@ from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.laws.gains import gains_of
 from palpate.control.laws.touch import RunningMean
 from palpate.control.loop.result import LoopResult
-from palpate.control.loop.stop_handler import one_line
 from palpate.control.loop.task import NO_RUN, Phase, TaskOutput
 from palpate.control.loop.tick_record import NO_ESTIMATE, Estimates
 from palpate.control.probing.plan import ProbingPlan
@@ -29,6 +28,7 @@ from palpate.control.teleop.follower_task import FollowerTask, SilenceAction, Ta
 from palpate.control.teleop.messaging import LINK_STREAM, Messaging
 from palpate.robot_io.calibration.applied import load_calibrations
 from palpate.robot_io.clock import Clock
+from palpate.robot_io.errors import error_text
 from palpate.robot_io.link import messages
 from palpate.robot_io.link.connection import LinkConnection, LinkSettings
 from palpate.robot_io.session import RecordArray, Samples, SessionWriter, Stream
@@ -114,7 +114,7 @@ class FollowerMessaging(threading.Thread):
             while not self._over.wait(_MESSAGE_PERIOD_S):
                 self._exchange()
         except Exception as error:  # a follower that cannot send continues as if the leader were silent
-            self.error = one_line(error)
+            self.error = error_text(error)
             self._say(f"the link failed, no further target is probed: {self.error}")
         finally:
             self.queue.linked = False

@@ -15,13 +15,12 @@ import numpy as np
 
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.loop.realtime import realtime
-from palpate.control.loop.stop_handler import one_line
 from palpate.control.loop.timing import Histogram, SectionTiming, TickGrid
 from palpate.control.teleop.leader_arm import build_operator
 from palpate.control.teleop.messaging import LINK_STREAM
 from palpate.control.teleop.virtual_object import VirtualArm, VirtualObject
 from palpate.robot_io.clock import Clock, MonotonicClock
-from palpate.robot_io.errors import InputError, PalpateError
+from palpate.robot_io.errors import InputError, PalpateError, error_text
 from palpate.robot_io.link.messages import ObjectEstimate, short_number
 from palpate.robot_io.operator.device import OperatorDevice
 from palpate.robot_io.robot_file import RobotFile
@@ -135,7 +134,7 @@ def run_haptics(pipe: Connection, job: HapticJob) -> None:
     except PalpateError as error:
         failure = str(error)
     except Exception as error:  # the main process prints it
-        failure = one_line(error)
+        failure = error_text(error)
     with suppress(OSError):
         last = replace(_NOTHING, finished=True, lateness=lateness.summary(), failure=failure, opened=opened)
         pipe.send(last)

@@ -15,7 +15,7 @@ from pydantic import Field, StrictBool
 from palpate.robot_io.clock import Clock, SimulatedClock
 from palpate.robot_io.driver import DriverContext
 from palpate.robot_io.drivers.serial_force.stream import LineSplitter, ReadingStream
-from palpate.robot_io.errors import DeviceError, DeviceTimeoutError
+from palpate.robot_io.errors import DeviceError, DeviceTimeoutError, error_text
 from palpate.robot_io.examination import Finding, ok
 from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.files.file_model import Capacity, FileModel, NotNegative
@@ -207,7 +207,7 @@ class SerialReader:
             while not self._stop.is_set() and self.failure is None:
                 self.read_port(_LOOK_S)
         except Exception as error:  # a thread must not end unnoticed
-            self.failure = f"reading failed ({type(error).__name__}: {error})"
+            self.failure = f"reading failed ({error_text(error)})"
 
 
 Answer = TypeVar("Answer")
