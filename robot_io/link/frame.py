@@ -162,11 +162,17 @@ def encode(  # noqa: PLR0917
         heard: newest frame of the peer.
         message: the content.
         seal: seal of this side.
+
+    Raises:
+        InputError: the frame would be too long for the other side.
     """
     kind = _KINDS[type(message)]
     header = _HEADER.pack(VERSION, sender, sequence, sent_s, *heard, kind)
     body = header + _WIRE[kind].dump_json(message)
-    return seal.of(body) + body
+    data = seal.of(body) + body
+    if len(data) > MOST_BYTES:
+        raise InputError(f"{type(message).__name__} of {len(data)} bytes: a frame has at most {MOST_BYTES}")
+    return data
 
 
 def decode(data: bytes, seal: FrameCode = CHECKSUM) -> Frame:

@@ -17,7 +17,7 @@ from palpate.robot_io.link.frame import (
     key_seal,
     load_seal,
 )
-from palpate.robot_io.link.messages import ContactModel, Target, target_number
+from palpate.robot_io.link.messages import ContactModel, EstimatedParameter, Target, target_number
 from tests.robot_io.link.link_parts import estimate, intent, report, target
 
 MESSAGES = [
@@ -89,6 +89,14 @@ def test_signature_holds_for_one_pair_and_one_direction(tmp_path):
     for topic in ("palpate/arm/follower", "palpate/other/leader"):
         with pytest.raises(FrameError, match="this side's key"):
             decode(framed(MESSAGES[0], seal=said), load_seal(path, topic))
+
+
+def test_frame_that_the_other_side_would_refuse_is_not_made():
+    parameters = (EstimatedParameter("k" * 445, "", 0.0, 0.0, 0.0),) * 64
+    rest = MOST_BYTES - len(framed(estimate(parameters=parameters, words="")))
+    assert decode(framed(estimate(parameters=parameters, words="w" * rest)))
+    with pytest.raises(InputError, match=f"ObjectEstimate of {MOST_BYTES + 1} bytes"):
+        framed(estimate(parameters=parameters, words="w" * (rest + 1)))
 
 
 @pytest.mark.parametrize("data", [b"", b"1234", bytes(MOST_BYTES + 1)])
