@@ -1,6 +1,6 @@
 """Screen candidate effects that extend a fitted model, and check fitted parameters for plausibility."""
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -13,7 +13,7 @@ from palpate.estimation.effect import Effect, Inner, SensorEffect
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.effects.elastic_shape import ToolCompliance
 from palpate.estimation.fit.blocks import HEAVY
-from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
+from palpate.estimation.fit.fit_problem import FitProblem, Solution, columns_at, linearize_inner, solve_gains
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.inner_search import (
     GridSearch,
@@ -27,6 +27,7 @@ from palpate.estimation.fit.measurement_model import identify_measurement_model
 from palpate.estimation.kinds import Kind
 from palpate.estimation.model import Model
 from palpate.estimation.signals.runwise import finest_step, longest_run, sample_time
+from palpate.robot_io.types import FloatArray
 
 PROMISING = 0.3  # least improvement, relative to the best candidate's, at which a candidate is refined
 REFINED = 5  # number of candidates that are always refined
@@ -236,6 +237,21 @@ def extended_models(model: Model, effect: Effect) -> list[Model]:
     if isinstance(effect, SensorEffect) and any(isinstance(e, SensorEffect) for e in model.effects):
         return [*after, *(model.with_effect(form, first=True) for form in effect.forms())]
     return after
+
+
+def start_columns(fit: FitResult, effect: Effect) -> Iterator[FloatArray]:
+    """Yield the columns (m, q) of a model that an effect extends, at each of the effect's start values.
+
+    Args:
+        fit: the fitted model.
+        effect: the effect to add.
+    """
+    known = fit.solution.parameters
+    for model in extended_models(fit.solution.model, effect):
+        parts_at = linearize_inner(fit.problem.blocked, model, effect, known)
+        for start in effect.starts(fit.data):
+            values = {**known, **{f"{effect.name}.{name}": value for name, value in start.items()}}
+            yield columns_at(fit.problem, model, values, parts_at(start))
 
 
 def is_possible(effect: Effect, solution: Solution, problem: FitProblem) -> bool:

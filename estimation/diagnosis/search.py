@@ -19,11 +19,12 @@ from palpate.estimation.diagnosis.candidates import (
     parameter_count,
     quick_screen,
     screen_effects,
+    start_columns,
 )
 from palpate.estimation.effect import Effect, Inner, SensorEffect
 from palpate.estimation.effects.run_differences import RunVariation
 from palpate.estimation.fit.blocks import BlockedData, block_average, decimate, merge_blocks
-from palpate.estimation.fit.fit_problem import Solution, columns_at, solve_gains
+from palpate.estimation.fit.fit_problem import Solution, solve_gains
 from palpate.estimation.fit.fit_result import FitResult, fit_model
 from palpate.estimation.fit.permutation import COUNT, null_improvements
 from palpate.estimation.model import Model, own_parameters
@@ -423,10 +424,8 @@ class Search:
         observed = (before.solution.sse - after.solution.sse) / max(float(noise @ noise), 1e-300)
         if len(noise) > _MANY_BLOCKS and observed > max(_CLEAR * _MANY_BLOCKS / len(noise), _MIN_CLEAR):
             return 0.0
-        starts = (solution for candidate in self.screen(before) for solution in candidate.search.starts)
-        columns = (
-            columns_at(before.problem, solution.model, solution.parameters)[used] for solution in starts
-        )
+        tried = applicable_effects(before.data, before.solution.model, self.effects)
+        columns = (columns[used] for effect in tried for columns in start_columns(before, effect))
         run, base = after.problem.blocked.run[used], before.solution.columns[used]
         most = int(level * (1 + COUNT)) - 1
         null = null_improvements(noise, run, base, columns, self.rng, observed=observed, most=most)

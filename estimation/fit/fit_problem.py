@@ -298,18 +298,23 @@ def _on_blocks(
     return columns, blocked.effort - known
 
 
-def columns_at(problem: FitProblem, model: Model, parameters: Mapping[str, float]) -> FloatArray:
+def columns_at(
+    problem: FitProblem, model: Model, parameters: Mapping[str, float], parts: Parts | None = None
+) -> FloatArray:
     """Return the derivative of the effort on blocks by each gain at given parameters, shape (m, q).
 
     Args:
         problem: data, noise weights and folds of the fit.
         model: the model.
-        parameters: values by "effect.parameter".
+        parameters: values by "effect.parameter"; missing gains are zero.
+        parts: result of `Model.parts` at these inner parameters, if known.
     """
     data = problem.blocked.data
     if is_linear_on_blocks(data, model):
         return _on_blocks(problem, model, parameters)[0]
-    return problem.blocked.reduce(model.linearize(data, parameters)[0])
+    values = {**dict.fromkeys(model.gains, 0.0), **parameters}
+    parts = parts or model.parts(data, values, problem.blocked.at_full_rate)
+    return problem.blocked.reduce(model.linearize(data, values, parts)[0])
 
 
 def residual_slopes(problem: FitProblem, solution: Solution, ahead: Mapping[str, float]) -> FloatArray:

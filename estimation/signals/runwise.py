@@ -17,7 +17,6 @@ from palpate.robot_io.types import FloatArray, IntArray
 
 _WINDOW = 5  # samples over which a derivative is smoothed
 _UNEVENNESS = 0.01  # largest relative difference of steps in even sampling
-_ALL_ROWS = slice(None)
 # Time in which a probing tip reverses at most once, and its largest share of the longest run.
 _JITTER_WINDOW_S, _JITTER_SHARE = 0.025, 0.01
 _MAX_CLAMPS = 32  # number of operations that are composed into one
@@ -106,12 +105,11 @@ def shift(signal: FloatArray, time_s: FloatArray, run: IntArray, delay_s: float)
         Delayed signal in the shape of the signal.
     """
     signal = np.asarray(signal, dtype=np.float64)
-    starts, piece = block_index(run)
-    if len(starts) == len(signal):
+    if len(block_index(run)[0]) == len(signal):
         return signal.copy()
     step_s = sample_time(time_s, run)
     if not is_even(time_s, run):
-        matrix = _cached_interpolation(time_s, run, delay_s)
+        _, matrix = _interpolation(time_s, run, delay_s, None)
         shifted = np.empty_like(signal)
         for column, result in zip(np.atleast_2d(signal.T), np.atleast_2d(shifted.T), strict=True):
             result[:] = matrix @ column
@@ -119,22 +117,29 @@ def shift(signal: FloatArray, time_s: FloatArray, run: IntArray, delay_s: float)
     newest = int(np.ceil(delay_s / step_s)) - 2  # age of the newest of the four samples
     weights = _cubic_weights(np.arange(4.0)[None, :], np.array([delay_s / step_s - newest]))[0]
     shifted = sum(weight * np.roll(signal, newest + i, axis=0) for i, weight in enumerate(weights.tolist()))
-    source, end = np.arange(len(signal)) - newest, np.append(starts[1:], len(run))[piece]
-    near_ends = np.flatnonzero((source - 3 < starts[piece]) | (source >= end))
-    shifted[near_ends] = _interpolation(time_s, run, delay_s, near_ends) @ signal
+    near_ends, matrix = _interpolation(time_s, run, delay_s, newest)
+    shifted[near_ends] = matrix @ signal
     return np.asarray(shifted)
 
 
+@cache_by_array  # a search tries many effects before one delay
 def _interpolation(
-    time_s: FloatArray, run: IntArray, delay_s: float, rows: IntArray | slice = _ALL_ROWS
-) -> "scipy.sparse.csr_array":
-    """Matrix (rows, n) from a signal to its delayed values, with samples at any times; see `shift`."""
+    time_s: FloatArray, run: IntArray, delay_s: float, newest: int | None
+) -> tuple[IntArray, "scipy.sparse.csr_array"]:
+    """Return rows, and the matrix (rows, n) from a signal to its delayed values, with samples at any times.
+
+    If the age of the newest of four evenly spaced samples is given, only the rows near the ends of runs are
+    returned, in which one of the four is outside the run; see `shift`.
+    """
     starts, piece = block_index(run)
+    rows, ends = np.arange(len(run)), np.append(starts[1:], len(run))[piece]
+    if newest is not None:
+        rows = rows[(rows - newest - 3 < starts[piece]) | (rows - newest >= ends)]
     # Times [s] (n,) that also increase from run to run, by more than the delay.
     steps = np.diff(time_s, prepend=time_s[:1])
     steps[starts] = 2.0 * abs(delay_s) + 1.0
     clock_s = np.cumsum(steps)
-    first, last = starts[piece][rows], np.append(starts[1:], len(run))[piece][rows] - 1
+    first, last = starts[piece][rows], ends[rows] - 1
     query_s = np.clip(clock_s[rows] - delay_s, clock_s[first], clock_s[last])
     single = first == last
     after = np.where(single, first, np.clip(np.searchsorted(clock_s, query_s), first + 1, last))
@@ -146,10 +151,8 @@ def _interpolation(
     weights = np.stack([np.zeros(len(part)), part, 1.0 - part, np.zeros(len(part))], axis=1)
     weights[inside] = _cubic_weights(clock_s[around[inside]], query_s[inside])
     edges = np.arange(0, weights.size + 1, 4)
-    return scipy.sparse.csr_array((weights.ravel(), around.ravel(), edges), shape=(len(part), len(run)))
-
-
-_cached_interpolation = cache_by_array(_interpolation)
+    matrix = scipy.sparse.csr_array((weights.ravel(), around.ravel(), edges), shape=(len(part), len(run)))
+    return rows, matrix
 
 
 def _cubic_weights(times: FloatArray, query: FloatArray) -> FloatArray:

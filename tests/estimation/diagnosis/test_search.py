@@ -480,16 +480,19 @@ def test_smaller_residual_is_clear_without_a_test_of_more_blocks(monkeypatch, co
         return np.zeros(200)
 
     monkeypatch.setattr(module, "null_improvements", improvements)
+    monkeypatch.setattr(module, "applicable_effects", lambda *_: ())
     problem = SimpleNamespace(used=slice(None), blocked=SimpleNamespace(run=np.zeros(count)))
     before = SimpleNamespace(
-        problem=problem, solution=SimpleNamespace(sse=count * (1.0 + energy), columns=np.ones((count, 1)))
+        data=None,
+        problem=problem,
+        solution=SimpleNamespace(model=None, sse=count * (1.0 + energy), columns=np.ones((count, 1))),
     )
     after = SimpleNamespace(
         problem=problem,
         solution=SimpleNamespace(sse=float(count)),
         flexible=SimpleNamespace(residual=np.ones(count)),
     )
-    search = SimpleNamespace(screen=lambda _: (), rng=None)
+    search = SimpleNamespace(effects=(), rng=None)
     for level in (0.01, 1.0):
         assert Search.p_value(search, before, after, level) == (1 / 201 if is_tested else 0.0)
     assert tested == ([1, 199] if is_tested else [])  # 2 of 200 make a p-value of 0.01
