@@ -188,6 +188,9 @@ class ChannelData:
     # Whether an object has recovered when a run begins, so that its relaxation in earlier runs has no effect.
     # None if the data are to decide.
     recovers: bool | None = field(default=None, compare=False)
+    # Rate at which an object recovers in free air, relative to its relaxation at constant depth. A free
+    # surface moves while the object recovers, which makes the recovery slower; 1 if it does not move.
+    recovery_ratio: float = field(default=1.0, compare=False)
     # Units of the columns in the file, by quantity, such as {"displacement": "mm"}, or None if files differ.
     # Empty if unknown. The arrays are in SI units. Messages use these, and they show what was recorded.
     units: Mapping[str, str | None] = field(default_factory=dict, compare=False)

@@ -16,6 +16,7 @@ from palpate.estimation.fit.blocks import BlockedData
 from palpate.estimation.fit.flexible_regression import hats, reversal_memory
 from palpate.estimation.kinds import UNSEEN_IN_ONE_PASS, Kind
 from palpate.estimation.signals.blocks import has_one_clock, rows_of_runs
+from palpate.estimation.signals.contact_memory import pressed_samples, remaining_strain
 from palpate.estimation.signals.exponential_memory import low_pass, relax
 from palpate.estimation.signals.free_air import may_have_dead_band, zero_in_free_air
 from palpate.estimation.signals.motion import (
@@ -232,7 +233,10 @@ def _relaxation(
 
     def relaxed(strain: FloatArray) -> list[FloatArray]:
         if data.kind is ChannelKind.CONTACT:
-            states = (relax(strain, time_s, run, tau, independent_runs=bool(data.recovers)) for tau in taus)
+            held = blocked.reduce(pressed_samples(data).astype(np.float64)) > 0.5
+            states = (
+                remaining_strain(partial(relax, tau_s=tau), strain, time_s, run, data, held) for tau in taus
+            )
             return [state * touching for state in states]
         return [np.asarray(strain - low_pass(strain, time_s, run, tau)) for tau in taus]
 

@@ -181,6 +181,8 @@ class ChannelDiagnosis(TableDisplay, _Entry):
     # How a very long recording was averaged, and why no information is lost; empty otherwise.
     averaged: str = ""
     recovers: bool = False  # whether relaxation in earlier runs is taken to have no effect
+    # Rate at which the object recovers in free air, relative to its relaxation in contact; 1 if equal.
+    recovery_ratio: float = 1.0
     warnings: list[str] = Field(default_factory=list)  # implausible properties of the data, with their values
     _fits: Mapping[tuple[str, ...], PackedFit] = PrivateAttr(default_factory=dict)
     _noise: MeasurementNoise | None = PrivateAttr(None)

@@ -12,6 +12,11 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.effect import AdditiveEffect, Effect, Inner, MemoryEffect, Parameter, start_grid
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import block_index
+from palpate.estimation.signals.contact_memory import (
+    free_surface_memory,
+    pressed_samples,
+    remaining_strain,
+)
 from palpate.estimation.signals.exponential_memory import fading_memory, springpot
 from palpate.estimation.signals.runwise import finest_step, longest_run
 from palpate.robot_io.types import BoolArray, FloatArray
@@ -53,7 +58,7 @@ class _Relaxation(Effect):
             signal: strain or elastic force, shape (n,) or (n, k).
             data: the channel, n samples. In form 1, runs that begin in contact begin relaxed.
         """
-        remaining = memory(signal, data.time_s, data.run, independent_runs=bool(data.recovers))
+        remaining = remaining_strain(memory, signal, data.time_s, data.run, data, pressed_samples(data))
         if self.form:
             first, piece = block_index(data.run)
             change = memory(signal - signal[first][piece], data.time_s, data.run, independent_runs=True)
@@ -190,7 +195,10 @@ class RelaxationSpectrum(_Relaxation, MemoryEffect):
     def fade(self, elastic: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         shares = np.array([inner["fast"], inner["slow"]])
         rates = 1.0 / np.array([inner["fast_time"], inner["slow_time"]])
-        fading = self.relaxed(partial(fading_memory, rates=rates, weights=shares), elastic, data)
+        if data.recovery_ratio == 1.0:
+            fading = self.relaxed(partial(fading_memory, rates=rates, weights=shares), elastic, data)
+        else:
+            fading = free_surface_memory(elastic, data, rates, shares)
         return np.asarray((1.0 - shares.sum()) * elastic + fading)
 
     def in_order(self, inner: Inner) -> Inner:

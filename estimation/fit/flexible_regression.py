@@ -6,6 +6,7 @@ The smoothing bias of derived motion counts as noise, see `smoothing_bias`.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from palpate.estimation.fit.fit_problem import FitProblem, Solution
 from palpate.estimation.fit.normal_equations import NormalEquations, held_out_gains, held_out_sse
 from palpate.estimation.fit.smoothing_bias import DifferentiationFilter, fit_smoothing_bias
 from palpate.estimation.signals.blocks import since_start
+from palpate.estimation.signals.contact_memory import pressed_samples, remaining_strain
 from palpate.estimation.signals.exponential_memory import low_pass, relax
 from palpate.estimation.signals.runwise import derivative, play, running_max, sample_time, shift
 from palpate.robot_io.types import FloatArray, IntArray
@@ -219,7 +221,10 @@ def _past(blocked: BlockedData) -> FloatArray:
     pressed, a = (blocked.reduce(s * data.engaged) for s in (data.position, data.acceleration))
     times = data.time_scale * np.array(_MEMORIES)
     if blocked.data.kind is ChannelKind.CONTACT:
-        fading = [relax(pressed, time_s, run, tau, independent_runs=bool(data.recovers)) for tau in times]
+        held = blocked.reduce(pressed_samples(data).astype(np.float64)) > 0.5
+        fading = [
+            remaining_strain(partial(relax, tau_s=tau), pressed, time_s, run, data, held) for tau in times
+        ]
     else:
         fading = [pressed - low_pass(pressed, time_s, run, tau) for tau in times]
     turns = [reversal_memory(pressed, run, share) for share in _TURNS]

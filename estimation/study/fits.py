@@ -40,6 +40,10 @@ from palpate.robot_io.errors import InputError
 
 _FitKey = tuple[ChannelKey, tuple[str, ...]]  # a channel with its base model, and the added effects
 _RECOVERS = "relaxation restarts in each run, because the data then fit better"
+_RECOVERS_SLOWLY = (
+    "between contacts the object recovers at {0:.2g} times the rate at which it relaxes in contact, "
+    "because its surface moves freely; the data then fit better"
+)
 _MAX_FITS = 90  # size of the cache; the least recently used fits are dropped and computed again
 
 
@@ -101,8 +105,13 @@ class StudyFits(TableDisplay):
     @cached_property
     def notes(self) -> tuple[str, ...]:
         """How the measurement was read and is treated, in sentences."""
-        contacts = (c for c in self.channels if c.kind is ChannelKind.CONTACT)
-        return *self.source.notes, *(f"{c.name}: {_RECOVERS}" for c in contacts if c.data.recovers)
+        notes = [*self.source.notes]
+        for contact in (each for each in self.channels if each.kind is ChannelKind.CONTACT):
+            if contact.data.recovers:
+                notes.append(f"{contact.name}: {_RECOVERS}")
+            elif contact.data.recovery_ratio != 1.0:
+                notes.append(f"{contact.name}: {_RECOVERS_SLOWLY.format(contact.data.recovery_ratio)}")
+        return tuple(notes)
 
     @property
     def reading(self) -> tuple[str, ...]:

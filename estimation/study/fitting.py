@@ -9,6 +9,7 @@ from dataclasses import replace
 from multiprocessing import current_process
 
 import numpy as np
+import scipy
 
 from palpate.estimation import diagnosis
 from palpate.estimation.base_model import ModelContext
@@ -26,7 +27,7 @@ from palpate.estimation.fit.fit_result import FitResult, Validation, fit_model
 from palpate.estimation.fit.inner_search import optimize_inner, search_inner
 from palpate.estimation.model import Model
 from palpate.estimation.models import MODELS
-from palpate.estimation.signals.blocks import has_one_clock
+from palpate.estimation.signals.blocks import has_one_clock, number_stretches
 from palpate.estimation.workers import single_threaded
 from palpate.robot_io.errors import InputError
 
@@ -58,35 +59,72 @@ def fit_base(data: ChannelData, model: Model, full_data: ChannelData | None = No
 _RELAXING_RATIO = 0.9  # ratio of held-out errors below which an object relaxes
 _RECOVERED_RATIO = 0.9  # the same below which it is taken to recover between runs
 _WORSE_RATIO = 1.05  # the same above which it is not, whatever the flexible laws show
+_PROMISING_RATIO = 0.98  # the same above which no slower recovery is searched
+_LOG_RATIOS = tuple(np.log([0.3, 0.5, 0.8]))  # logarithms of the recovery ratio that are tried first
+_SMALLEST_LOG_RATIO = np.log(0.03)
+_RATIO_TOLERANCE = 0.01  # of the logarithm of the recovery ratio
 
 
-def recovers_between_runs(data: ChannelData) -> bool:
-    """Return whether an object that relaxes has recovered when each run begins.
+def recovery(data: ChannelData) -> tuple[bool, float]:
+    """Return whether an object that relaxes has recovered when each run begins, and how fast it recovers.
 
-    This is so if each run presses another spot or specimen, or if the object rests for long enough. Without
-    the memory of earlier runs, the flexible laws of the object's kinds then predict held-out runs better. A
-    cubic spring with one relaxation must not predict them worse, since few runs allow a chance result.
+    It has recovered if each run presses another spot or specimen, or if the object rests for long enough.
+    Without the memory of earlier runs, the flexible laws of the object's kinds then predict held-out runs
+    better. A cubic spring with one relaxation must not predict them worse, since few runs allow a chance
+    result. Otherwise, the ratio is optimized if this lowers the held-out error of this model.
 
     Args:
-        data: a contact channel; the result is false for other channels, and for runs without a common clock.
+        data: a contact channel; the results are False and 1 for other channels, and for runs without a common
+            clock.
+
+    Returns:
+        Values of `ChannelData.recovers` and of `ChannelData.recovery_ratio`.
     """
     has_memory = (
-        data.kind is ChannelKind.CONTACT and len(data.runs) > 1 and has_one_clock(data.time_s, data.run)
+        data.kind is ChannelKind.CONTACT
+        and has_one_clock(data.time_s, data.run)
+        and len(np.unique(number_stretches(data.engaged, data.run)[data.engaged])) > 1
     )
     if not has_memory or reject_reason(data):
-        return False
+        return False, 1.0
     spring, good = MODELS["kelvin_voigt"]().build(ModelContext()), usable(data)
     hardening = spring.with_effect(CubicStiffness())
     relaxing = hardening.with_effect(StressRelaxation())
     continued, recovered = (replace(data, recovers=each) for each in (False, True))
     with single_threaded():
-        errors = [fit_model(each, relaxing, {}, good).rmse for each in (continued, recovered)]
-        relaxes = min(errors) < _RELAXING_RATIO * fit_model(continued, hardening, {}, good).rmse
-        if not relaxes or errors[1] > _WORSE_RATIO * errors[0]:
-            return False
-        laws = (error_of_kinds(fit_model(each, spring, {}, good)) for each in (continued, recovered))
-        squares = [law.mean_square(OBJECT_KINDS) for law in laws]
-    return squares[1] < _RECOVERED_RATIO**2 * squares[0]
+        fits = [fit_model(each, relaxing, {}, good) for each in (continued, recovered)]
+        errors = [fit.rmse for fit in fits]
+        if min(errors) > _RELAXING_RATIO * fit_model(continued, hardening, {}, good).rmse:
+            return False, 1.0
+        if len(data.runs) > 1 and errors[1] < _WORSE_RATIO * errors[0]:
+            laws = (error_of_kinds(fit_model(each, spring, {}, good)) for each in (continued, recovered))
+            squares = [law.mean_square(OBJECT_KINDS) for law in laws]
+            if squares[1] < _RECOVERED_RATIO**2 * squares[0]:
+                return True, 1.0
+        if np.any(np.diff(data.time_s) < 0.0):
+            return False, 1.0
+
+        def error_of_laws(log_ratio: float) -> float:
+            slower = replace(continued, recovery_ratio=float(np.exp(log_ratio)))
+            return error_of_kinds(fit_model(slower, spring, {}, good)).mean_square(OBJECT_KINDS)
+
+        def error_of_branch(log_ratio: float) -> float:
+            slower = replace(continued, recovery_ratio=float(np.exp(log_ratio)))
+            return fit_model(slower, relaxing, fits[0].solution.parameters, good).rmse ** 2
+
+        # One branch determines the ratio best, but may be wrong if the object has more.
+        for error in (error_of_branch, error_of_laws):
+            if min(map(error, _LOG_RATIOS)) > _PROMISING_RATIO**2 * error(0.0):
+                continue
+            optimum = scipy.optimize.minimize_scalar(
+                error,
+                bounds=(_SMALLEST_LOG_RATIO, 0.0),
+                method="bounded",
+                options={"xatol": _RATIO_TOLERANCE},
+            )
+            if optimum.fun < _RECOVERED_RATIO**2 * error(0.0):
+                return False, float(np.exp(optimum.x))
+        return False, 1.0
 
 
 def preview_extended(parent: FitResult, effect: Effect) -> FitResult:

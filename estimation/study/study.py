@@ -142,6 +142,7 @@ class ModelStudy(StudyFits):
                     about = {
                         "averaged": averaged.get(member.name, ""),
                         "recovers": bool(member.data.recovers),
+                        "recovery_ratio": member.data.recovery_ratio,
                         "warnings": [*member.measured.import_warnings, *warnings.get(member.name, ())],
                     }
                     self._diagnoses[member.key] = entry.model_copy(update=about)

@@ -1,0 +1,135 @@
+"""Memory of an object over several contacts, between which its free surface recovers."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from palpate.estimation.channel import ChannelData
+from palpate.estimation.signals.blocks import block_index, number_stretches
+from palpate.estimation.signals.cache_by_array import cache_by_array, cache_by_channel_arrays
+from palpate.estimation.signals.exponential_memory import relax
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
+
+_MIN_AIR = 20  # samples in free air from which its readings are known
+_SIGMAS = 5.0  # standard deviations above the readings in free air from which a reading is a contact
+
+
+def remaining_strain(  # noqa: PLR0917
+    memory: Callable[..., FloatArray],
+    strain: FloatArray,
+    time_s: FloatArray,
+    run: IntArray,
+    data: ChannelData,
+    pressed: BoolArray,
+) -> FloatArray:
+    """Return what remains of a strain or elastic force after relaxation in contact and in free air.
+
+    In free air, time passes more slowly, by `ChannelData.recovery_ratio`. For one branch, this is exact; see
+    `free_surface_memory`.
+
+    Args:
+        memory: function of a signal, the times (n,) [s], the run numbers (n,) and `independent_runs`; it
+            returns what remains of the signal, in its shape.
+        strain: strain or elastic force while the object is pressed, shape (n,) or (n, k).
+        time_s: times, shape (n,) [s].
+        run: run number of each sample, shape (n,).
+        data: the channel, which may have more samples.
+        pressed: samples in contact, shape (n,), see `pressed_samples`.
+    """
+    if data.recovery_ratio == 1.0:
+        return memory(strain, time_s, run, independent_runs=bool(data.recovers))
+    rows, clock_s, number = _press_clock(time_s, run, pressed, data.recovery_ratio)
+    inside = memory(strain[rows], clock_s, number, independent_runs=False)
+    return _with_air(inside, strain, rows, 1.0)
+
+
+def free_surface_memory(
+    strain: FloatArray, data: ChannelData, rates: FloatArray, shares: FloatArray
+) -> FloatArray:
+    """Return the sum of relaxing branches of an elastic force whose free surface recovers between contacts.
+
+    The force is F = (1 - sum f_i) E + sum f_i Z_i with Z_i' = E' - Z_i r_i. It is zero in free air, where E
+    therefore follows the branches: W_i = Z_i - E obeys W_i' = -r_i (W_i - sum f_j W_j). (The tip leaves the
+    surface before it reaches its undeformed position: T. C. T. Ting, J. Appl. Mech. 33 (1966).) A single
+    branch with time constant tau recovers with tau / (1 - f).
+
+    Args:
+        strain: elastic force E while the object is pressed, shape (n, k).
+        data: the channel, shape (n,).
+        rates: relaxation rates r_i, shape (r,) [1/s].
+        shares: shares f_i of the branches in the elastic force, shape (r,).
+
+    Returns:
+        sum f_i Z_i, shape (n, k).
+    """
+    rows, time_s, number = _press_clock(data.time_s, data.run, pressed_samples(data), 1.0)
+    if not len(rows):
+        return np.zeros(strain.shape)
+    pressed = strain[rows]
+    branches = np.stack(
+        [relax(pressed, time_s, number, 1.0 / rate, independent_runs=True) for rate in rates.tolist()]
+    )
+    starts, contact = block_index(number)
+    ends = np.append(starts[1:], len(rows)) - 1
+    decay = np.exp(-np.outer(rates, time_s - time_s[starts][contact]))
+    exponents, modes = np.linalg.eig(-rates[:, None] * (np.eye(len(rates)) - shares))
+    pauses_s = time_s[starts[1:]] - time_s[ends[:-1]]
+    recovery = (modes * np.exp(np.outer(pauses_s, exponents))[:, None]) @ np.linalg.inv(modes)
+    carried = np.zeros((len(starts), len(rates), strain.shape[1]))  # state at the start of each contact
+    left = (branches[:, ends] - pressed[ends]).swapaxes(0, 1)
+    for number_before, remaining in enumerate(recovery):
+        before = carried[number_before] * decay[:, ends[number_before], None] + left[number_before]
+        carried[number_before + 1] = remaining @ before
+    branches += carried[contact].swapaxes(0, 1) * decay[..., None]
+    return _with_air(np.tensordot(shares, branches, 1), strain, rows, shares.sum())
+
+
+def _with_air(inside: FloatArray, strain: FloatArray, rows: IntArray, share: float) -> FloatArray:
+    """Fill a memory (p, ...) of the rows (p,) in contact with the state in which the last contact ended.
+
+    In free air, this keeps the predicted force below zero.
+    """
+    left = np.concatenate([np.zeros((1, *strain.shape[1:])), inside - share * strain[rows]])
+    memory = left[np.searchsorted(rows, np.arange(len(strain)), side="right")]
+    memory[rows] = inside
+    return np.asarray(memory)
+
+
+@cache_by_channel_arrays("position", "effort", "run", "touching")
+def pressed_samples(data: ChannelData) -> BoolArray:
+    """Return the mask (n,) of samples in contact, up to the last force above the readings in free air.
+
+    Args:
+        data: a contact channel.
+    """
+    engaged = data.engaged
+    in_air = data.effort[~engaged]
+    if len(in_air) < _MIN_AIR:
+        return engaged
+    zero = np.median(in_air)
+    deviation = 1.4826 * np.median(np.abs(in_air - zero))  # standard deviation of normal noise
+    starts, piece = block_index(number_stretches(engaged, data.run))
+    rows, loaded = np.arange(len(data)), engaged & (data.effort > zero + _SIGMAS * deviation)
+    if not loaded.any():  # a planned motion has no readings
+        return engaged
+    first = np.minimum.reduceat(np.where(loaded, rows, len(data)), starts)[piece]
+    last = np.maximum.reduceat(np.where(loaded, rows, -1), starts)[piece]
+    pressed: BoolArray = (rows >= first) & (rows <= last)
+    pressed |= False if data.touching is None else data.touching
+    pressed.setflags(write=False)  # others are cached by it
+    return pressed
+
+
+@cache_by_array
+def _press_clock(
+    time_s: FloatArray, run: IntArray, pressed: BoolArray, ratio: float
+) -> tuple[IntArray, FloatArray, IntArray]:
+    """Return the rows (p,) in contact, their times [s] with slower time in free air, and their contacts."""
+    number = number_stretches(pressed, run)
+    steps_s, inside = np.diff(time_s, prepend=time_s[:1]), np.diff(number, prepend=-1) == 0
+    rows = np.flatnonzero(pressed)
+    clock_s = np.cumsum(np.where(inside & pressed, steps_s, ratio * steps_s))[rows]
+    results = rows, clock_s, number[rows]
+    for result in results:
+        result.setflags(write=False)  # others are cached by it
+    return results
