@@ -199,7 +199,7 @@ class ChannelData:
     proxy_units: Mapping[str, str] = field(default_factory=dict, compare=False)
     # Travel of the tip across the press direction relative to its depth, least of all presses of a probing
     # session; 0 where the tip moves across as much in free air, or where it is unknown.
-    sideways: float = 0.0
+    lateral_ratio: float = 0.0
     # Doubts about times and motion that arose on reading the file.
     import_warnings: tuple[str, ...] = field(default=(), compare=False)
 

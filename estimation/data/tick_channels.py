@@ -134,7 +134,7 @@ _JOINT_COLUMNS = {*_SHARED_COLUMNS, "torque_measured_nm", "torque_at_s", "force_
 USED_COLUMNS = {*_CONTACT_COLUMNS, *_JOINT_COLUMNS, *_COLUMNS_BY_STATUS, "time_s"}
 _SAME_PLACE_M = 0.005  # largest distance across the press direction between contacts at one place
 _SAME_DIRECTION = np.cos(np.radians(2.0))
-_FREE_SIDEWAYS = 3.0  # ratio to the travel across in free air above which a press may be tilted
+_FREE_LATERAL = 3.0  # ratio to the travel across in free air above which a press may be tilted
 _CONTACT_MARGIN_S = 0.05  # time before and after a certain contact in which there may also be contact
 _MIN_CONTACT_SAMPLES = 20  # least number of samples in contact for an estimate
 
@@ -204,7 +204,7 @@ def contact_channels(ticks: Samples, *, tared: bool) -> tuple[ChannelData, ...]:
     return tuple(
         replace(
             _contact_channel(name, chosen, touches, tared=tared),
-            sideways=min(_sideways(chosen, contact) for contact in touches),
+            lateral_ratio=min(_lateral_ratio(chosen, contact) for contact in touches),
             import_warnings=(warning,) * (len(straight) < len(pressed)),
         )
         for name, (_, touches) in zip(names, places, strict=True)
@@ -283,7 +283,7 @@ def _is_tilted(contact: Contact, ticks: Samples, normal: FloatArray) -> bool:
     return bool(ticks[DIRECTION][contact.rows[0]] @ normal < _SAME_DIRECTION)
 
 
-def _sideways(ticks: Samples, contact: Contact) -> float:
+def _lateral_ratio(ticks: Samples, contact: Contact) -> float:
     """Return the travel across the press direction relative to the depth; 0 if similar in free air."""
     first, length = contact.rows[0], len(contact.rows)
     direction = ticks[DIRECTION][first]
@@ -295,7 +295,7 @@ def _sideways(ticks: Samples, contact: Contact) -> float:
         across_m = np.linalg.norm(tip_m - along_m[:, None] * direction, axis=1)
         travels_m.append((float(along_m.max(initial=0.0)), float(across_m.max(initial=0.0))))
     (_, in_air_m), (deepest_m, across_m) = travels_m
-    return across_m / deepest_m if deepest_m > 0.0 and across_m > _FREE_SIDEWAYS * in_air_m else 0.0
+    return across_m / deepest_m if deepest_m > 0.0 and across_m > _FREE_LATERAL * in_air_m else 0.0
 
 
 def _valid_ticks(ticks: Samples, *status_columns: str) -> BoolArray:

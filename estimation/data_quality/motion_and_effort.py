@@ -13,7 +13,7 @@ from palpate.estimation.statistics.noise import MAD_TO_SIGMA
 from palpate.robot_io.types import FloatArray
 
 SLID = "slid along the surface"  # part of the reason for tilted presses
-_MAX_SIDEWAYS = 0.1  # ratio to the depth, at whose angle a stiffness along the tool is 1 % too small
+_MAX_LATERAL_RATIO = 0.1  # ratio to the depth, at whose angle a stiffness along the tool is 1 % too small
 _MAX_DEPTH_M = 0.2  # a deeper indentation means a wrong unit
 _MAX_SLOPE_N_M = 1e7
 _MIN_SLOPE_N_M = 1e-2
@@ -201,12 +201,12 @@ def tilted(data: ChannelData) -> str | None:
     Args:
         data: the channel.
     """
-    if data.sideways <= _MAX_SIDEWAYS:
+    if data.lateral_ratio <= _MAX_LATERAL_RATIO:
         return None
     return (
-        f"in every press, the tip moved across the press direction by at least {100.0 * data.sideways:.0f} % "
-        f"of its depth, but not in free air: it {SLID}, whose normal is another direction; press along "
-        "the normal (press_direction_world of the plan)"
+        "in every press, the tip moved across the press direction by at least "
+        f"{100.0 * data.lateral_ratio:.0f} % of its depth, but not in free air: it {SLID}, whose normal is "
+        "another direction; press along the normal (press_direction_world of the plan)"
     )
 
 

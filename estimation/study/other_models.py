@@ -215,7 +215,7 @@ def keep_simplest_rivals(
             ]
             effect, fit = models[name].model.effect(name), models[name]
             is_other = bool(simpler) and is_misnamed(effect, fit.solution, fit.problem)
-            if not is_other and not any(_contains(models, name, rival) for rival in simpler):
+            if not is_other and not any(_contains(models, rival, name) for rival in simpler):
                 kept.append(name)
         first, *rest = [name for name in rivals if name in kept or name not in models]
         accepted[place] = entry.model_copy(update={"effect": first, "confused_with": rest})
@@ -269,7 +269,7 @@ def _is_simpler(models: Mapping[str, FitResult], rival: str, name: str) -> bool:
     return size < most or (size == most and set(few.signals) < set(many.signals))
 
 
-def _contains(models: Mapping[str, FitResult], name: str, rival: str) -> bool:
+def _contains(models: Mapping[str, FitResult], rival: str, name: str) -> bool:
     """Return whether the effect `name` can reproduce the prediction of a simpler rival, except for noise."""
     smaller = models[rival]
     blocked, model, known = smaller.problem.blocked, smaller.solution.model, smaller.solution.parameters
