@@ -68,6 +68,7 @@ _FEWEST_BEATS = 2  # in that time, when the axis is configured
 _LATENCY_ROUNDS = 3  # measurements of an axis's answering time, of which the shortest counts
 _LATEST_ANSWER_S = 0.05  # longest wait for an answer
 _SECOND_ANSWER_S = 2e-3  # after this time, a second axis with the same id has answered too
+_TRIAL_TORQUE, _TRIAL_SPEED = 0.01, 0.1  # shares of the largest torque and speed that test the mode
 _WINDOWS = 3  # attempts to receive messages at the right rate; the machine may be busy
 _ENCODER_ERRORS = {"ENCODER_FAILED", "MISSING_ESTIMATE", "SPINOUT_DETECTED", "UNKNOWN_POSITION"}
 
@@ -101,6 +102,7 @@ class OdriveBus(MotorBus):
         self._start_streams([0.0] * count)
         self._versions: dict[int, tuple[int, int, int]] = {}
         self._sent_nm, self._expected_nm = [0.0] * count, [0.0] * count  # at the motors
+        self._setpoint_nm = [0.0] * count  # as the axes report it
         self._short_nm, self._short_count = [0.0] * count, [0] * count
 
     def motor_label(self, joint: int) -> str:
@@ -379,8 +381,8 @@ class OdriveBus(MotorBus):
     def _arm(self) -> None:
         """Go to closed-loop torque control at zero torque, from no error but an expired watchdog.
 
-        Frames to an axis that does not confirm are repeated. The controller mode and the limits cannot be
-        confirmed, and are always sent twice.
+        Frames to an axis that does not confirm are repeated. The limits cannot be confirmed, and are sent
+        twice, like the controller mode, which is tested.
         """
         watchdog = odrive.WATCHDOG_EXPIRED[self._settings.firmware]
         zero_torque = [odrive.encode_input_torque(axis.node_id, 0.0) for axis in self._axes]
@@ -401,6 +403,7 @@ class OdriveBus(MotorBus):
         for _ in range(ATTEMPTS):
             self._send_all([frame for joint in joints for frame in self._arming_frames(joint)])
             if self._wait_for(lambda: not missing(), self._heartbeat_timeout_s):
+                self._test_modes()
                 return
             joints = missing()
             beats = [self._heartbeats[joint] for joint in joints]
@@ -411,6 +414,42 @@ class OdriveBus(MotorBus):
             for joint, beat in enumerate(self._heartbeats)
         )
         raise DeviceError(f"{self.line.label}: no closed-loop control: {states}")
+
+    def _test_modes(self) -> None:
+        """Command small torques and velocities; raise `DeviceError` unless setpoints follow the torque alone.
+
+        CANSimple cannot read the mode. In any other mode, the torque's setpoint also follows the velocity, or
+        does not follow at all.
+        """
+        begun_s = self._clock.now_s()
+        self._wait_for(lambda: min(self._torque_at_s) > begun_s, _LATEST_ANSWER_S)
+        before_nm, largest = list(self._setpoint_nm), [0.0] * self.joint_count
+
+        def frames(share: float) -> list[CanFrame]:
+            return [
+                odrive.encode_command(
+                    axis.node_id,
+                    OdriveCommand.SET_INPUT_VELOCITY,
+                    share * _TRIAL_SPEED * self._fastest_rev_s(joint),
+                    share * _TRIAL_TORQUE * axis.max_torque_nm,
+                )
+                for joint, axis in enumerate(self._axes)
+            ]
+
+        def have_followed() -> bool:
+            self._send_all(frames(1.0))  # also feeds the watchdogs
+            for joint, axis in enumerate(self._axes):
+                change_nm = abs(self._setpoint_nm[joint] - before_nm[joint])
+                largest[joint] = max(largest[joint], change_nm / (_TRIAL_TORQUE * axis.max_torque_nm))
+            return min(largest) > 0.5
+
+        self._wait_for(have_followed, _LATEST_ANSWER_S)
+        self._send_all(2 * frames(0.0))
+        if wrong := [self.motor_label(joint) for joint, share in enumerate(largest) if not 0.5 < share < 1.5]:
+            raise DeviceError(
+                f"{self.line.label}: not in torque control: {', '.join(wrong)}; the frames that set its mode "
+                "may have been lost: check the bus, and start again"
+            )
 
     def _arming_frames(self, joint: int) -> list[CanFrame]:
         """Return the frames that arm an axis; they clear an expired watchdog, and no other error."""
@@ -445,11 +484,12 @@ class OdriveBus(MotorBus):
                     sampled_s = at_s - self._delays[joint].latency_s
                     self._store_motion(joint, tau * position_rev, tau * velocity_rev_s, sampled_s)
             case OdriveCommand.GET_IQ if self._settings.firmware is Firmware.V0_5:
-                _, current_a = odrive.decode_two_floats(frame, "motor current")
+                setpoint_a, current_a = odrive.decode_two_floats(frame, "motor current")
                 constant_nm_a = self._axes[joint].torque_constant_nm_a or 0.0
+                self._setpoint_nm[joint] = setpoint_a * constant_nm_a
                 self._store_torque(joint, current_a * constant_nm_a, at_s - self._delays[joint].latency_s)
             case OdriveCommand.TORQUES if self._settings.firmware is Firmware.V0_6:
-                _, torque_nm = odrive.decode_two_floats(frame, "motor torque")
+                self._setpoint_nm[joint], torque_nm = odrive.decode_two_floats(frame, "motor torque")
                 self._store_torque(joint, torque_nm, at_s - self._delays[joint].latency_s)
             case OdriveCommand.HEARTBEAT:
                 beat = odrive.decode_heartbeat(frame, self._settings.firmware)

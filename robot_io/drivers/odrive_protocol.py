@@ -29,6 +29,7 @@ class OdriveCommand(IntEnum):
     SET_AXIS_STATE = 0x07
     ENCODER_ESTIMATES = 0x09
     SET_CONTROLLER_MODE = 0x0B
+    SET_INPUT_VELOCITY = 0x0D
     SET_INPUT_TORQUE = 0x0E
     SET_LIMITS = 0x0F
     GET_IQ = 0x14
@@ -152,6 +153,7 @@ _TWO_WORDS = struct.Struct("<II")
 _LAYOUTS = {
     OdriveCommand.SET_AXIS_STATE: _WORD,
     OdriveCommand.SET_CONTROLLER_MODE: _TWO_WORDS,
+    OdriveCommand.SET_INPUT_VELOCITY: _TWO_FLOATS,
     OdriveCommand.SET_LIMITS: _TWO_FLOATS,
     OdriveCommand.CLEAR_ERRORS: struct.Struct("<B"),
 }
@@ -223,9 +225,10 @@ def encode_command(node_id: int, command: OdriveCommand, *values: float) -> CanF
         node_id: node id of the axis, 0 to 63.
         command: command, or message to request.
         values: values of the command. `SET_AXIS_STATE` takes the state, `SET_CONTROLLER_MODE` control and
-            input mode. `SET_LIMITS` takes the velocity [rev/s] above which the axis fails, and the current
-            [A]; the axis loses both at its next start, and CANSimple cannot read them. `CLEAR_ERRORS` takes
-            0, so that the identify light stays as it is.
+            input mode. `SET_INPUT_VELOCITY` takes velocity [rev/s] and torque [N m] of the motor; in torque
+            control, only the torque has an effect. `SET_LIMITS` takes the velocity [rev/s] above which the
+            axis fails, and the current [A]; the axis loses both at its next start, and CANSimple cannot read
+            them. `CLEAR_ERRORS` takes 0, so that the identify light stays as it is.
     """
     layout = _LAYOUTS.get(command)
     data = b"" if layout is None else layout.pack(*values)

@@ -20,6 +20,7 @@ WATCHDOG_BIT = {"0.5": 1 << 11, "0.6": 1 << 24}
 ALERT_BIT = {"0.5": 1 << 6, "0.6": 1 << 14}  # MOTOR_FAILED; INVERTER_OVER_TEMP
 OVERSPEED_BIT = {"0.5": 1 << 9, "0.6": 1 << 15}  # CONTROLLER_FAILED; VELOCITY_LIMIT_VIOLATION
 _CYCLIC_S = 1e-3  # period of estimates and torques
+_VELOCITY_GAIN = 1 / 6  # as delivered [N m s/rev]
 _TOLERANCE = 1.2  # times its velocity limit, as delivered
 ESTOP_BIT = {"0.5": 1 << 14, "0.6": 1 << 25}
 
@@ -48,8 +49,9 @@ class EmulatedOdrive(EmulatedMotor):
         self._start_up()
 
     def _start_up(self) -> None:
-        self.state, self.error, self._control_mode = IDLE, 0, 3  # position control, as shipped
-        self._input_torque_nm = 0.0
+        self.state, self.error = IDLE, 0
+        self._control_mode, self._input_mode = 3, 1  # position control, inputs passed through, as shipped
+        self._input_torque_nm = self._input_rev_s = 0.0
 
     def _process(self, message: can.Message, now_s: float) -> list[can.Message]:
         if message.is_extended_id or message.arbitration_id >> 5 != self.number:
@@ -68,7 +70,9 @@ class EmulatedOdrive(EmulatedMotor):
             elif state == CLOSED_LOOP and not self.error:
                 self.state = CLOSED_LOOP
         elif command == 0x0B and len(data) == 8:
-            self._control_mode = struct.unpack("<II", data)[0]
+            self._control_mode, self._input_mode = struct.unpack("<II", data)
+        elif command == 0x0D and len(data) == 8:
+            self._input_rev_s, self._input_torque_nm = struct.unpack("<ff", data)
         elif command == 0x0E and len(data) >= 4:
             self._input_torque_nm = struct.unpack_from("<f", data)[0]
         elif command == 0x0F and len(data) == 8:
@@ -84,13 +88,21 @@ class EmulatedOdrive(EmulatedMotor):
         self._drive()
 
     def _drive(self) -> None:
-        armed, limit_nm = self.state == CLOSED_LOOP and self._control_mode == 1, self._max_torque_nm
-        torque_nm = min(max(self._input_torque_nm, -limit_nm), limit_nm) if armed else 0.0
+        limit_nm = self._max_torque_nm if self.state == CLOSED_LOOP else 0.0
+        torque_nm = min(max(self._setpoint_nm, -limit_nm), limit_nm)
         if self.velocity_limiter is not None:
             limit_rev_s, gain = self.velocity_limiter
             rev_s = self.shaft.velocity_rad_s / math.tau
             torque_nm = min(max(torque_nm, (-limit_rev_s - rev_s) * gain), (limit_rev_s - rev_s) * gain)
         self._exert(torque_nm)
+
+    @property
+    def _setpoint_nm(self) -> float:
+        """Torque of the control loops; that of positions is left out."""
+        if self._input_mode != 1:
+            return 0.0
+        error_rev_s = self._input_rev_s - self.shaft.velocity_rad_s / math.tau
+        return self._input_torque_nm + _VELOCITY_GAIN * error_rev_s * (self._control_mode >= 2)
 
     def _answer(self, command: int) -> list[can.Message]:
         match command:
@@ -135,10 +147,10 @@ class EmulatedOdrive(EmulatedMotor):
     def _torque(self) -> can.Message:
         motor_torque_nm = self.shaft.torque_nm
         if self._firmware == "0.6":
-            return self._message(0x1C, struct.pack("<ff", self._input_torque_nm, motor_torque_nm))
+            return self._message(0x1C, struct.pack("<ff", self._setpoint_nm, motor_torque_nm))
         constant = self._torque_constant
         return self._message(
-            0x14, struct.pack("<ff", self._input_torque_nm / constant, motor_torque_nm / constant)
+            0x14, struct.pack("<ff", self._setpoint_nm / constant, motor_torque_nm / constant)
         )
 
     def _heartbeat(self) -> can.Message:

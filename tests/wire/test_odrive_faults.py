@@ -163,6 +163,20 @@ def test_lost_frame_of_an_activation_is_sent_again(make_robot, command, count):
     assert motor.state == 1
 
 
+@pytest.mark.parametrize("modes", [(3, 1), (2, 1), (1, 0)], ids=["position", "velocity", "no input"])
+@pytest.mark.parametrize("changes", [(), V0_5], ids=["0.6", "0.5"])
+def test_axis_that_stays_in_another_mode_is_refused(make_robot, changes, modes):
+    """With all frames lost that set its mode, it was armed, and nothing said so."""
+    arm = make_robot(changes=changes)
+    arm.robot.configure()
+    motor = arm.motors[1]
+    motor._control_mode, motor._input_mode = modes
+    lose(motor, lambda command, _: command == 0x0B)
+    with pytest.raises(DeviceError, match=r"not in torque control: joint 2 \(node 1\);"):
+        arm.robot.activate()
+    assert {node.state for node in arm.motors} == {1}
+
+
 @pytest.mark.parametrize("since", [STATE, None], ids=["while armed", "in the silence"])
 @pytest.mark.parametrize("changes", [(), V0_5], ids=["0.6", "0.5"])
 def test_error_during_an_activation_is_not_cleared(make_robot, changes, since):
