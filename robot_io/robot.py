@@ -178,6 +178,7 @@ class Robot(ManagedDevice):
             encoder_status=self._checked_status("encoder", encoder_at_s, encoder_status, polled_s),
             torque_status=self._checked_status("torque", torque.sampled_at_s, torque.status, polled_s),
             force_status=self._checked_status("force", force.sampled_at_s, force.status, polled_s),
+            torque_saturated=torque.saturated,
         )
 
     def write(self, command: Command, deadline_s: float) -> Command:

@@ -34,6 +34,8 @@ class Reading(NamedTuple):
     value: FloatArray  # shape (n,), n joints, or (1,) for the force sensor; unit of the device's interface
     sampled_at_s: float  # when the device itself sampled, on the robot's clock [s]
     status: Status = Status.OK  # whether the sample can be used
+    # For each value, whether it is the end of the device's range; empty if unknown.
+    saturated: tuple[bool, ...] = ()
 
 
 class Measurement(NamedTuple):
@@ -50,6 +52,7 @@ class Measurement(NamedTuple):
     encoder_status: Status = Status.OK  # status of position and velocity
     torque_status: Status = Status.OK  # status of the torque
     force_status: Status = Status.OK  # status of the force
+    torque_saturated: tuple[bool, ...] = ()  # for each torque, whether it is the end of its drive's range
 
 
 class Command(NamedTuple):

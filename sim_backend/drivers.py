@@ -120,7 +120,7 @@ class SimulatedBus(JointBus):
         world, now_s = self.world, self._clock.now_s()
         world.advance_to(now_s)
         n = self.joint_count
-        motion, sampled_at_s, status = _reading(world.encoder.read(now_s), 2 * n)
+        motion, sampled_at_s, status, _ = _reading(world.encoder.read(now_s), 2 * n)
         self.position = Reading(motion[:n], sampled_at_s, status)
         self.velocity = Reading(motion[n:], sampled_at_s, status)
         self.torque = _reading(world.torque_sensor.read(now_s), n)

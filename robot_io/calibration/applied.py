@@ -335,7 +335,7 @@ class CalibratedForceSensor(_Calibrated[ForceSensor], ForceSensor):
         self._curvature = values.curvature.value if values.curvature else 0.0
 
     def read_force(self) -> Reading:
-        value, sampled_at_s, status = self._driver.read_force()
+        value, sampled_at_s, status, _ = self._driver.read_force()
         above = value - self._zero
         return Reading(above * (self._scale + self._curvature * above), sampled_at_s, status)
 
@@ -352,7 +352,7 @@ class CalibratedEncoder(_Calibrated[JointEncoder], JointEncoder):
         return self._driver.joint_count
 
     def read_position(self) -> Reading:
-        value, sampled_at_s, status = self._driver.read_position()
+        value, sampled_at_s, status, _ = self._driver.read_position()
         return Reading(value + self._offset_rad, sampled_at_s, status)
 
     def read_velocity(self) -> Reading:
@@ -379,8 +379,8 @@ class CalibratedTorque(_Calibrated[JointTorque], JointTorque):
         return self._driver.joint_count
 
     def read_torque(self) -> Reading:
-        value, sampled_at_s, status = self._driver.read_torque()
-        return Reading(self._gain * value + self._offset_nm, sampled_at_s, status)
+        value, sampled_at_s, status, saturated = self._driver.read_torque()
+        return Reading(self._gain * value + self._offset_nm, sampled_at_s, status, saturated)
 
     def stage_torque(self, torque_nm: FloatArray) -> FloatArray:
         """See `JointTorque.stage_torque`; argument and return value are true torques."""

@@ -41,7 +41,7 @@ so far, and only for commands that are not much smaller than the reading.
 from math import inf, isfinite, log, nan
 
 from palpate.robot_io.guard.limits import Limits, Problem
-from palpate.robot_io.types import FloatArray, Measurement, Status, clip
+from palpate.robot_io.types import FloatArray, Measurement, clip
 
 _SAMPLES = 5  # consecutive equal samples of an encoder before it can be suspect, at any sample rate
 _STEPS = 4  # encoder steps by which the reference must have moved, and
@@ -402,15 +402,13 @@ class _Drive:
 
         Args:
             at_s: time of the reading [s].
-            is_bound: whether a drive is at the end of its range. The torque may then exceed the largest
-                reading so far, but it cannot have the other sign.
+            is_bound: whether the reading is the end of the drive's range, which the torque may exceed.
         """
         low_nm, high_nm = self.low_nm, self.high_nm
         sign, least_nm, most_nm = (1.0, low_nm, high_nm) if low_nm > 0.0 else (-1.0, -high_nm, -low_nm)
         if not least_nm > 2.0 * self.floor_nm:
             return False
-        largest_nm = self.range_nm[1] if sign > 0.0 else -self.range_nm[0]
-        if is_bound and 0.0 < sign * self.measured_nm >= largest_nm:
+        if is_bound and sign * self.measured_nm > 0.0:
             return False
         missing_nm = least_nm - sign * self.measured_nm
         jumps_nm = _JUMPS * self.jump_nm
@@ -488,10 +486,11 @@ class UnresponsiveDrives:
         dt_s = min(sampled_at_s - self._sampled_at_s, _PAUSE_S)
         self._sampled_at_s = sampled_at_s
         is_first = sampled_at_s - self._begun_s < _FIRST_S
-        is_bound = measurement.torque_status is Status.SATURATED
         share = dt_s / (dt_s + (_FIRST_HABIT_S if is_first else _HABIT_S))
         torques_nm = measurement.joint_torque_nm.tolist()
-        for joint, (drive, measured_nm) in enumerate(zip(self._drives, torques_nm, strict=True), 1):
+        are_bounds = measurement.torque_saturated or (False,) * len(torques_nm)
+        drives = zip(self._drives, torques_nm, are_bounds, strict=True)
+        for joint, (drive, measured_nm, is_bound) in enumerate(drives, 1):
             drive.shows(measured_nm, sampled_at_s)
             if not is_first and sampled_at_s - drive.changed_at_s >= self._time_s and drive.is_frozen():
                 low_nm, high_nm = drive.expected_nm

@@ -111,7 +111,11 @@ def test_torque_at_the_end_of_the_wire_range_is_saturated(make_robot, path, end)
     motor = arm.motors[0]
     motor._torque_limit = 0.5 * abs(motor.shaft.torque_nm)
     motor._drive = lambda: None  # its own torque stays
-    assert arm.ticks(4, push_nm).torque_status is Status.SATURATED
+    measurement = arm.ticks(4, push_nm)
+    assert (measurement.torque_status, measurement.torque_saturated) == (
+        Status.SATURATED,
+        (True, False, False),
+    )
     assert not arm.problem
 
 

@@ -243,7 +243,8 @@ class MotorBus(JointBus, Examinable):
         torque_status = Status.SATURATED if any(self._torque_at_end) else Status.OK
         torque_status = Status.FAULT if any(faults) else torque_status
         torque_status = Status.STALE if torque_at_s == -inf else torque_status
-        self.torque = Reading(np.array(self._torque_nm), torque_at_s, torque_status)
+        saturated = tuple(self._torque_at_end)
+        self.torque = Reading(np.array(self._torque_nm), torque_at_s, torque_status, saturated)
 
     def _send_all(self, frames: Sequence[CanFrame]) -> None:
         """Send every frame, even after a failure; raise `DeviceError` if some could not be sent."""

@@ -26,11 +26,13 @@ LIMITS = Limits(
 OFTEN = 1  # ticks from one sample of the torques to the next
 
 
-def measured(time_s, torque_nm, *, at_s=None, status=Status.OK):
+def measured(time_s, torque_nm, *, at_s=None, saturated=()):
     at_s = time_s if at_s is None else at_s
     zeros = np.zeros(2)
     torques = np.array(torque_nm, float)
-    return Measurement(time_s, zeros, zeros, torques, 0.0, time_s, at_s, time_s, torque_status=status)
+    status = Status.SATURATED if any(saturated) else Status.OK
+    rest = {"torque_status": status, "torque_saturated": saturated}
+    return Measurement(time_s, zeros, zeros, torques, 0.0, time_s, at_s, time_s, **rest)
 
 
 def gravity(k):
@@ -350,17 +352,22 @@ def test_repeated_torque_sample_reports_no_drive_fault():
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("noise_nm", [0.0, 0.01])
 @pytest.mark.parametrize(
-    ("joint_1", "joint_2", "named"),
-    [(1.0, 1.0, None), (-1.0, 1.0, "joint 1"), (1.0, 0.0, "joint 2"), (1.0, -1.0, "joint 2")],
+    ("joint_1", "joint_2", "saturated", "named"),
+    [
+        (1.0, 1.0, (True, True), None),
+        (-1.0, 1.0, (True, True), "joint 1"),
+        (1.0, -1.0, (True, True), "joint 2"),
+        *((1.0, joint_2, (True, False), "joint 2") for joint_2 in (-1.0, 0.0, 1.0)),
+    ],
 )
-def test_torque_at_the_end_of_its_range_is_a_bound(sign, noise_nm, joint_1, joint_2, named):
-    """Of drives that measure up to 5 N m, a saturated one hid a dead one and its own wrong sign."""
+def test_torque_at_the_end_of_its_range_is_a_bound(sign, noise_nm, joint_1, joint_2, saturated, named):
+    """Of drives that measure up to 5 N m, a saturated one hid a weak one, a dead one and its own sign."""
     check, problem = UnresponsiveDrives(LIMITS), None
     for k in range(600):
         sent = min(15.0, 0.05 * k)
         read = [min(sent, 5.0)] * 2 if k < 400 else [5.0 * joint_1, 5.0 * joint_2 + noise_nm * (k % 2)]
-        status = Status.SATURATED if sent >= 5.0 else Status.OK
-        problem = problem or check.problem(measured(k * DT, [sign * nm for nm in read], status=status))
+        bounds = saturated if sent >= 5.0 else ()
+        problem = problem or check.problem(measured(k * DT, [sign * nm for nm in read], saturated=bounds))
         check.sent(k * DT, [sign * sent] * 2)
     assert named in problem.text if named else problem is None
 
