@@ -32,6 +32,9 @@ class Component:
             DeviceError: the device refused.
         """
 
+    def verify(self) -> None:
+        """Check after a run that the device is still set up as before; raise `DeviceError` if it is not."""
+
     def deactivate(self) -> None:
         """Switch the torque off. Works in every state, also after a failure, and can be called again."""
 

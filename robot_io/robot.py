@@ -127,6 +127,15 @@ class Robot(ManagedDevice):
             self._state = RobotState.CONFIGURED
             undo_all(self._components, "deactivate")
 
+    def verify(self) -> None:
+        """Check after a run that every device is still set up as before.
+
+        Raises:
+            DeviceError: a device was changed, or no longer answers; what it measured may be wrong.
+        """
+        for _, component in self._components:
+            component.verify()
+
     def close(self) -> None:
         """Switch the torque off, then release all devices; can be called repeatedly.
 

@@ -154,6 +154,9 @@ class NotedLifecycle:
     def activate(self) -> None:
         self.bus.note(self.device, "activate")
 
+    def verify(self) -> None:
+        self.bus.note(self.device, "verify")
+
     def deactivate(self) -> None:
         self.bus.note(self.device, "deactivate")
 

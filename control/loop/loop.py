@@ -162,6 +162,10 @@ class _Loop:
             except Exception as error:
                 self._deactivation_error = error_text(error)
                 self._stop.fail("switching the torque off", error)
+        try:
+            self._robot.verify()
+        except Exception as error:
+            self._stop.fail("checking the devices after the run", error)
 
     def result(self) -> LoopResult:
         """Return the result without its times."""

@@ -311,6 +311,9 @@ class _Calibrated(Component, Examinable, Generic[Driver]):
     def activate(self) -> None:
         self._driver.activate()
 
+    def verify(self) -> None:
+        self._driver.verify()
+
     def deactivate(self) -> None:
         self._driver.deactivate()
 

@@ -9,7 +9,8 @@ are Axia's, and 17 is the older Net Box's. Some bits have another meaning there,
 processor). So every error bit stops the arm and is also reported as a number.
 
 The active configuration is on the page `netftapi2.xml` of its web server (ATI 9620-05-NET FT, "XML Pages").
-Only the necessary values are read from the text.
+Records do not show a change of scale, bias, filter or tool frame, so that the page is read again before and
+after each run.
 """
 
 import os
@@ -137,6 +138,7 @@ class NetFtStream(ReadingStream):
 
 PAGE: Final = "/netftapi2.xml"
 _LARGEST_PAGE = 262_144  # bytes
+_SETTINGS: Final = re.compile(r"<((?:s?cfg|set|comrdt)\w{0,20})>([ -~]{0,200})</\1>")
 _PATIENCE_S = 2.0
 
 
@@ -148,6 +150,7 @@ class NetFtConfiguration(NamedTuple):
     unit: str  # of its forces
     rate_hz: int  # records per second
     is_streaming: bool  # whether records are sent at all
+    settings: dict[str, str]  # everything on which forces depend, by its name on the page
 
 
 def parse_configuration(page: bytes) -> NetFtConfiguration:
@@ -164,6 +167,7 @@ def parse_configuration(page: bytes) -> NetFtConfiguration:
             unit=_value(text, "scfgfu"),
             rate_hz=int(_value(text, "comrdtrate")),
             is_streaming=_value(text, "comrdte").lower() == "enabled",
+            settings=dict(_SETTINGS.findall(text)),
         )
     except ValueError as error:
         raise ProtocolError(f"not a number: {error}") from error
@@ -317,7 +321,21 @@ class NetFt(SerialForceSensor, Examinable):
         tries = range(_REQUESTS)  # a request may be lost
         if not any(self._bus.ask(START, lambda d: len(d) == RECORD_SIZE or None, _ANSWER_S) for _ in tries):
             raise self._error("sends no records; check rdt_port, firewall and other programs")
+        self._configured = configuration.settings
         device = f"{configuration.product}, {configuration.rate_hz} records/s"
         self._identified = f"{device}, {settings.axis} axis, {settings.capacity_n:.4g} N"
         stream = NetFtStream(newtons_per_count, settings.axis, configuration.rate_hz)
         self._bus.listen(stream, settings.capacity_n)
+
+    def activate(self) -> None:
+        """Refuse a sensor that somebody has changed since it was configured."""
+        self.verify()
+
+    def verify(self) -> None:
+        for name, value in self._bus.read_configuration().settings.items():
+            before = self._configured.get(name, "")
+            if value != before:
+                raise self._error(
+                    f"its configuration has changed: '{name}' was '{before}' and is '{value}'; "
+                    "forces measured since may be wrong: restore it, and start again"
+                )

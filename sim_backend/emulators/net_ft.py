@@ -40,6 +40,7 @@ class EmulatedNetFt(SerialSensor):
         rate_hz: records per second.
         status: status bits in addition to those of its reading.
         measures: whether it takes new measurements; otherwise it repeats the last one.
+        settings: other settings, by their names on the page.
     """
 
     def __init__(self, settings: NetFtSettings) -> None:
@@ -47,6 +48,8 @@ class EmulatedNetFt(SerialSensor):
         self.range_n, self._axis = settings.capacity_n, "xyz".index(settings.axis)
         self.counts_per_force, self.unit = settings.counts_per_force, settings.unit
         self.enabled, self.rate_hz, self.status, self.measures = True, 1000, 0, True
+        self.settings = {"setcfgsel": "0", "setuserfilter": "0"}
+        self.settings |= dict.fromkeys(("setbias", "cfgtfx"), "0;0;0;0;0;0")
         self._timer = StreamTimer(self.rate_hz)
         self._sequence = self._measurement = 0
 
@@ -82,6 +85,8 @@ class EmulatedNetFt(SerialSensor):
         """Return the configuration page netftapi2.xml."""
         values = {
             "prodname": "Ethernet F/T",
+            "runpkmx": f"{self._measurement};0;0;0;0;0",
+            **self.settings,
             "scfgfu": self.unit,
             "cfgcpf": f"{self.counts_per_force:.0f}",
             "comrdte": "Enabled" if self.enabled else "Disabled",

@@ -105,6 +105,16 @@ def test_failure_before_the_first_tick_propagates():
     assert arm.sent_nm == []
 
 
+def test_device_that_was_changed_during_a_run_is_reported():
+    arm = MockArm()
+    arm.faults.refuse.add(("force", "verify"))
+    result, log = run(arm, SwingTask(done_at=20))
+    said = "checking the devices after the run: mock force refuses to verify"
+    assert (result.outcome, result.cause, log.texts("trip")) == (Outcome.TRIPPED, said, [said])
+    assert not result.deactivation_error
+    assert not arm.bus.powered
+
+
 @pytest.mark.parametrize("held_s", [0.04, 0.2])
 def test_command_computed_before_a_stall_is_not_sent(held_s):
     arm, task = MockArm(), SwingTask(done_at=120)

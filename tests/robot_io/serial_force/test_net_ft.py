@@ -130,7 +130,10 @@ PAGE = EmulatedNetFt(NetFtSettings(axis="z", capacity_n=100.0, counts_per_force=
 
 
 def test_configuration_page_is_read():
-    assert parse_configuration(PAGE) == ("Ethernet F/T", 1e6, "N", 1000, True)
+    *values, settings = parse_configuration(PAGE)
+    assert values == ["Ethernet F/T", 1e6, "N", 1000, True]
+    names = {"cfgcpf", "cfgtfx", "comrdte", "comrdtrate", "scfgfu", "setbias", "setcfgsel", "setuserfilter"}
+    assert settings.keys() == names
 
 
 @pytest.mark.parametrize(
@@ -173,6 +176,30 @@ def test_sensor_that_is_set_up_otherwise_is_refused(arm, spoil, said):
     vars(arm.sensor).update(spoil)
     with pytest.raises(DeviceError, match=said):
         arm.robot.configure()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        ({"counts_per_force": 1000.0}, "'cfgcpf' was '1000000' and is '1000'"),
+        ({"unit": "lbf"}, "'scfgfu' was 'N' and is 'lbf'"),
+        *(
+            ({"settings": {name: "7"}}, f"'{name}' was '0.*' and is '7'")
+            for name in ("setbias", "setuserfilter", "setcfgsel", "cfgtfx")
+        ),
+    ],
+)
+def test_sensor_that_is_changed_meanwhile_is_refused(arm, spoil, said):
+    """A run with wrong forces went unnoticed, at its end as at the start of the next one."""
+    arm.start()
+    arm.robot.verify()
+    vars(arm.sensor).update(spoil)
+    with pytest.raises(DeviceError, match=said):
+        arm.robot.verify()
+    arm.robot.deactivate()
+    with pytest.raises(DeviceError, match=said):
+        arm.robot.activate()
+    assert {node.state for node in arm.motors} == {1}
 
 
 def configure_with(arm, old, new):
