@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.special import ndtr
+from scipy.special import ndtr, stdtrit
 from scipy.stats import chi2
-from scipy.stats import t as student_t
 
 from palpate.robot_io.types import FloatArray
 
@@ -57,7 +57,7 @@ def random_effects(values: FloatArray, std_errs: FloatArray) -> RandomEffects:
     mean, weights = weighted_mean(squared)
     std_err = float(weights.sum() ** -0.5)
     freedom = max(float(weights.sum() ** 2 / (weights @ weights)) - 1.0, 1.0)
-    half = float(student_t.ppf(0.975, freedom)) * std_err if count > 1 else float("nan")
+    half = float(stdtrit(freedom, 0.975)) * std_err if count > 1 else float("nan")
     fixed = 1.0 / variances
     # Typical variance within a measurement (Higgins and Thompson, Stat. Med. 21 (2002) 1539).
     spare = fixed.sum() ** 2 - (fixed**2).sum()
@@ -83,7 +83,7 @@ def _prediction_interval(values: FloatArray, variances: FloatArray) -> tuple[flo
     mean_variances = 1.0 / weights.sum(axis=1)
     means = weights @ values * mean_variances
     sums = np.sum(weights * (values - means[:, None]) ** 2, axis=1) + np.finfo(float).tiny
-    drawn = chi2.ppf((np.arange(_NODES) + 0.5) / _NODES, len(values) - 1)
+    drawn = _chi_squared_nodes(len(values) - 1)
     # mean and variance of the further value at the spreads at which the sum of squares is as drawn
     mean, variance = (
         np.interp(-np.log(drawn), -np.log(sums), each) for each in (means, spreads + mean_variances)
@@ -91,12 +91,17 @@ def _prediction_interval(values: FloatArray, variances: FloatArray) -> tuple[flo
     scale = np.sqrt(variance)
 
     def beyond(value: float, share: float) -> float:
-        return float(np.mean(ndtr((value - mean) / scale))) - share
+        return float(ndtr((value - mean) / scale).mean()) - share
 
     ends = float(np.min(mean - 9.0 * scale)), float(np.max(mean + 9.0 * scale))
     exact = 1e-12 * (ends[1] - ends[0])
     low, high = (brentq(beyond, *ends, args=(share,), xtol=exact) for share in (0.025, 0.975))
     return low, high
+
+
+@lru_cache
+def _chi_squared_nodes(freedom: int) -> FloatArray:
+    return np.asarray(chi2.ppf((np.arange(_NODES) + 0.5) / _NODES, freedom))
 
 
 def neighbor_spread_squared(values: FloatArray, std_errs: FloatArray) -> float:
