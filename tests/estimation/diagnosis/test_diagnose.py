@@ -31,6 +31,7 @@ from palpate.robot_io.errors import InputError
 from tests.estimation.presses import NOISE_N, RATE_HZ, K, channel, kelvin_voigt, maxwell, session
 from tests.estimation.swings import DAMPING, INERTIA, NOISE_NM, WEIGHT, late, link_angles, read
 from tests.estimation.swings import coarse_swings as swings
+from tests.few_effects import try_few_effects
 
 PRESS, SWING = (MODELS[name]().build(ModelContext()) for name in ("kelvin_voigt", "pendulum"))
 
@@ -447,8 +448,8 @@ def test_smoothing_of_quick_turns_is_no_missing_effect(seed):
 
 
 def test_effect_beyond_the_smoothing_of_quick_turns_is_named():
-    diagnosis = diagnose(quick_turns(2, friction_nm=0.2), SWING, rng=np.random.default_rng(0)).channels[0]
-    assert [accepted.effect for accepted in diagnosis.accepted] == ["coulomb_friction"]
+    found = decide_verdict(quick_turns(2, friction_nm=0.2), *SOME["joint_1"], seed=0)
+    assert named(found) == {"coulomb_friction"}
 
 
 def sticking_joint(forward_nm, backward_nm, seed=5):
@@ -484,7 +485,9 @@ def sticking_joint(forward_nm, backward_nm, seed=5):
     ("forward_nm", "backward_nm", "effects"),
     [(0.3, 0.3, {"coulomb_friction"}), (0.35, 0.15, {"coulomb_friction", "bias"})],
 )
-def test_sticking_at_reversals_is_no_delay_of_the_sensor(forward_nm, backward_nm, effects):
+def test_sticking_at_reversals_is_no_delay_of_the_sensor(monkeypatch, forward_nm, backward_nm, effects):
+    friction = ("coulomb_friction", "asymmetric_friction", "bias")
+    try_few_effects(monkeypatch, "delay", "lag", few=friction)
     found = ModelStudy(sticking_joint(forward_nm, backward_nm), "pendulum").diagnose().channels[0]
     assert found.verdict is Verdict.MISSING
     assert {entry.effect for entry in found.accepted} == effects
