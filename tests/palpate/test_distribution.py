@@ -46,7 +46,7 @@ FEW_EFFECTS = f"""
 sys.path.append({str(ROOT)!r})
 import pytest
 from tests.few_effects import try_few_effects
-try_few_effects(pytest.MonkeyPatch())
+try_few_effects(pytest.MonkeyPatch(), few=("bias",))
 """
 
 

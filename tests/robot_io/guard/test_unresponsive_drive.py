@@ -70,7 +70,7 @@ def deaf(since, *, until=math.inf, turns=0.0, **wear):
     return lambda k, sent: drive.show(k, turns * sent if since <= k < until else sent)
 
 
-def ticks_until_named(check, show, sent=gravity, *, first=0, count=6000, every=OFTEN):
+def ticks_until_named(check, show, sent=gravity, *, first=0, count=4000, every=OFTEN):
     """The tick at which joint 1 is named and what is said, or None; joint 2 is sent nothing and shows it."""
     shown, at_s = 0.0, 0.0
     for k in range(first, first + count):
