@@ -352,7 +352,8 @@ class Page:
                 work = partial(self._change, partial(self.state.to_revision, revision))
                 ui.button(text, on_click=work).props("flat dense no-caps align=left").classes("revision")
             if not revisions:
-                of_these = " of this channel with these runs" if saved else ""
+                others = saved or (self.state.whole or self.state).study.revisions
+                of_these = " of this channel with these runs" if others else ""
                 ui.label(f"no revisions{of_these} yet").classes("quiet")
 
 
