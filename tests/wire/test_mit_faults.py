@@ -123,9 +123,11 @@ def test_torque_at_the_end_of_the_wire_range_is_saturated(make_robot, path, end)
 @pytest.mark.parametrize("end", [-1, 1])
 def test_motor_that_passes_the_end_of_its_range_has_no_known_position(make_robot, path, end):
     """Robstride's continue at the other end, and were read 12.6 rad off as healthy."""
-    arm = make_robot(path).start()
+    arm = make_robot(path)
+    arm.motors[0]._zero_rad -= 5.0 * end  # nearly there
+    arm.start()
     step_rad, passed = end * arm.period_s * 6.0, False  # at the velocity limit
-    for _ in range(1500):
+    for _ in range(500):
         arm.motors[0]._zero_rad -= step_rad
         measurement, motor = arm.tick(), arm.motors[0]
         passed |= measurement.encoder_status is Status.SATURATED
