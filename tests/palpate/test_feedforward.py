@@ -16,7 +16,8 @@ from palpate.export.target_terms import as_comment
 from palpate.robot_io.errors import InputError
 from palpate.sim_backend.world import ArmDescription, World
 from palpate.study import Study
-from tests.estimation.swings import DAMPING, INERTIA, WEIGHT, swings
+from tests.estimation.swings import DAMPING, INERTIA, WEIGHT
+from tests.estimation.swings import coarse_swings as swings
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 from tests.palpate.presses import write_presses, write_table
 from tests.sim_backend.hidden_parts import hidden, quiet_scenario

@@ -52,7 +52,7 @@ def arm_near(goal, arm):
 
 
 def test_arm_follows_goals_up_to_its_limits_and_returns(tmp_path):
-    arm = FollowingArm(job(tmp_path))
+    arm = FollowingArm(job(tmp_path, speed_share=0.9))
     with pytest.raises(LifecycleError, match="not running"):
         arm.measure()
     home = arm.start().joint_position_rad
