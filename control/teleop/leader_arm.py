@@ -143,9 +143,11 @@ class LeaderArm(OperatorDevice):
         jacobian = self._tip(self._measured).jacobian_world[:3]
         weight_nm = self._body.gravity(self._measured.joint_position_rad)
         now_s = self.clock.now_s()
+        gap_s, self._commanded_s = now_s - self._commanded_s, now_s
+        if gap_s > self._guard.longest_hold_up_s:  # the drives may have let go of the arm
+            self._guard.trip(f"the program was held up for {gap_s:.3g} s before a command")
         command = Command(weight_nm + jacobian.T @ force_world_n)
-        allowed = self._guard.limit(command, self._measured, now_s - self._commanded_s)
-        self._commanded_s = now_s
+        allowed = self._guard.limit(command, self._measured, gap_s)
         sent = self._arm.write(allowed, now_s + self.settings.deadline_s)
         return np.linalg.pinv(jacobian.T) @ (sent.joint_torque_nm - weight_nm)
 

@@ -176,9 +176,12 @@ def export_command(data: ExportOptions) -> None:
     def show() -> None:
         for line in made.lines:
             console.say(line)
-        for key, mark in (("used", "[green]in[/green]"), ("left_out", "[yellow]out or doubtful[/yellow]")):
+        for key, color, heading in (
+            ("used", "green", "exported"),
+            ("left_out", "yellow", "left out or doubtful"),
+        ):
             for term in made.content.get(key, ()):
-                console.stdout().print(f"  {mark}  {safe(term)}")
+                console.stdout().print(f"  [{color}]{heading:20}[/]  {safe(term)}")
         if made.advice:
             console.stderr().print(made.advice, soft_wrap=True)
 

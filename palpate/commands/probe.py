@@ -113,7 +113,7 @@ def _print(outcome: ProbingOutcome, planned: int) -> None:
     loop, out = outcome.loop, console.stdout()
     faster = ""
     if loop.wall_s < 0.9 * loop.duration_s:
-        faster = f", {loop.duration_s / loop.wall_s:.0f} times real time"
+        faster = f", {loop.duration_s / loop.wall_s:.2g} times real time"
     if loop.outcome is Outcome.FINISHED:
         done = "planned" if outcome.failures else "done"
     else:

@@ -48,7 +48,6 @@ COLORS = {
 _ROOMY, _NARROW = 100, 80  # columns of a terminal
 _FOLDED = 12  # columns for a kind's description on a narrow terminal
 _MOST_RANKED = 5
-_RANGE = RANGE.replace(" or ", "\nor ")
 _BOUNDS = {"": "", "at most": "≤ ", "at least": "≥ "}
 _LOPSIDED = 0.1  # asymmetry, relative to the half-width, above which both ends of an interval are shown
 
@@ -93,8 +92,8 @@ def _print_budget(console: Console, channel: str, budget: BudgetView) -> None:
     """Print the error budget: one sentence, a bar for each part, and indistinguishable effects."""
     console.print(Text.from_markup(f"[bold]{safe(channel)}[/bold]  {safe(budget.sentence)}"))
     if len(budget.parts) > 1:
-        ways = ((_ROOMY, True), (_ROOMY, False), (_NARROW, False), (0, False))
-        tables = (_budget_table(budget, bars, is_beside=is_beside) for bars, is_beside in ways)
+        ways = ((_ROOMY, 2), (_ROOMY, 1), (_NARROW, 1), (0, 1), (0, 0))
+        tables = (_budget_table(budget, bars, columns) for bars, columns in ways)
         console.print(Padding(first_that_fits(tables, console.width - 2), (0, 0, 0, 2)))
         if meanings := "\n".join(budget.form_meanings):
             console.print(Padding(Text(meanings, style="dim"), (0, 0, 1, 2)))
@@ -102,17 +101,23 @@ def _print_budget(console: Console, channel: str, budget: BudgetView) -> None:
         console.print(Padding(Text(safe_text(sentence), style="yellow"), (0, 0, 1, 2)))
 
 
-def _budget_table(budget: BudgetView, bars: int, *, is_beside: bool) -> Table:
-    """Tabulate share, range, form and effects of each part, with bars for a terminal of width `bars`."""
-    last = ("effects",) if is_beside else ()
-    made = table("", "", *[""] * bool(bars), "share", _RANGE, "form", *last, right=("share", _RANGE))
+def _budget_table(budget: BudgetView, bars: int, columns: int) -> Table:
+    """Tabulate share, range, form and effects of each part, with bars for a terminal of width `bars`.
+
+    Form and effects have 0 to 2 columns of their own; without one, they are below the kind.
+    """
+    limits = RANGE.replace(" or ", "\nor " if columns else " or\n")
+    last = ("form", "effects")[:columns]
+    made = table("", "", *[""] * bool(bars), "share", limits, *last, right=("share", limits))
     for part in budget.parts:
         share = f"{_BOUNDS[part.bound]}{percent(part.share, bound=part.bound)}"
         effects = ",\n".join(map(safe, part.effects_text.split(", ")))  # so that no name is broken
-        form = part.form if is_beside or not effects else f"{part.form}\n[dim]{effects}[/dim]"
+        form = part.form if columns > 1 or not effects else f"{part.form}\n[dim]{effects}[/dim]"
         bar = [_bar(round(part.share, 2), part.color, bars)] * bool(bars)
-        made.add_row(safe(part.word), *bar, share, part.range_text, form, *[effects] * len(last))
-    if bars < _NARROW:
+        below = "" if columns else "\n" + form.replace(",\n", "\n").replace(": ", ":\n")
+        word = safe(part.word) + below.rstrip().replace("\n", "\n  ")
+        made.add_row(word, *bar, share, part.range_text, *(form, effects)[:columns])
+    if bars < _NARROW and columns:
         made.columns[0].max_width = _FOLDED
     return made
 

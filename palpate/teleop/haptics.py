@@ -126,8 +126,9 @@ def run_haptics(pipe: Connection, job: HapticJob) -> None:
                 # Before the session is closed, because closing may take long.
                 stack.callback(device.deactivate)
                 log.event(clock.now_s(), "realtime", str(stack.enter_context(realtime())))
+                haptics = _Haptics(job, robot_file, device, log, pipe)
                 device.activate()
-                _Haptics(job, robot_file, device, log, pipe).run(clock, lateness)
+                haptics.run(clock, lateness)
     # The main process is gone, and everything is closed.
     except (EOFError, BrokenPipeError, ConnectionResetError):
         return

@@ -111,7 +111,11 @@ class Plot(Element, component="plot.js"):
             self.run_method(method, *what)
 
 
-_AXIS = {"gridcolor": "#e8ecf0", "zerolinecolor": "#c3cbd3", "automargin": True, "ticks": ""}
+_AXIS = {
+    "gridcolor": "#e8ecf0", "zerolinecolor": "#c3cbd3", "automargin": True,
+    # invisible ticks keep the labels of two axes apart where they meet
+    "ticks": "outside", "ticklen": 5, "tickcolor": "rgba(0,0,0,0)",
+}  # fmt: skip
 
 
 def curve(  # noqa: PLR0917, what a line is made of

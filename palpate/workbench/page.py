@@ -352,7 +352,9 @@ class Page:
                 work = partial(self._change, partial(self.state.to_revision, revision))
                 ui.button(text, on_click=work).props("flat dense no-caps align=left").classes("revision")
             if not revisions:
-                ui.label("no revisions yet").classes("quiet")
+                others = saved or (self.state.whole or self.state).study.revisions
+                of_these = " of this channel with these runs" if others else ""
+                ui.label(f"no revisions{of_these} yet").classes("quiet")
 
 
 def _not_kept(choice: ModelSelection) -> str:

@@ -554,6 +554,9 @@ class OdriveBus(MotorBus):
         silent_s = now_s - self._heartbeat_at_s[joint]
         if silent_s > self._heartbeat_timeout_s:
             return f"heartbeat lost; the last one came {silent_s:.2g} s ago"
+        beat = self._heartbeats[joint]
+        if beat and beat.state is AxisState.CLOSED_LOOP_CONTROL and not self._powered:
+            return "is armed, although it was switched off"
         return self._lost[joint]
 
 

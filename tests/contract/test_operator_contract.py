@@ -191,6 +191,21 @@ class TestLeaderArm:
         assert isinstance(active.device, LeaderArm)
         assert np.abs(active.bus.staged_nm).max() <= 15.0
 
+    @pytest.mark.parametrize("ticks", [0, 20])
+    def test_stall_stops_the_device_also_after_its_activation(self, active, ticks):
+        """It went on with the force that was wanted by then."""
+
+        def push(ticks):
+            for _ in range(ticks):
+                active.device.read()
+                active.device.set_force(UP)
+                active.wait(1e-3)
+
+        push(ticks)
+        active.wait(0.15)
+        with pytest.raises(SafetyTripError, match="the program was held up"):
+            push(4000)
+
     def test_trip_brakes_the_device_and_is_reported_at_the_end(self, active):
         device, plant = active.device, active.bus.plant
 

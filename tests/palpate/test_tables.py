@@ -23,10 +23,12 @@ from palpate.render.paired import _difference_table
 from palpate.render.terminal import (
     _error_steps_table,
     _parameter_table,
+    _print_budget,
     print_comparison,
     print_diagnosis,
     print_revisions,
 )
+from palpate.render.view import BudgetPart, BudgetView
 from palpate.study import Study
 from tests.few_effects import try_few_effects
 from tests.revisions import revision
@@ -149,6 +151,17 @@ def test_table_of_stages_breaks_no_effect_name(added, width):
         width,
     )
     assert any(f"+ {LONG}" in line for line in shown.splitlines())
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_table_of_the_budget_breaks_no_effect_name(width):
+    part = BudgetPart("gravity and load", 0.004, "#000000", "", None, 0.0, 1.0, "unknown", (LONG, "lag"))
+    out = io.StringIO()
+    _print_budget(Console(file=out, width=width), "joint_1", BudgetView("", (part, part)))
+    lines = out.getvalue().splitlines()
+    assert max(map(len, lines)) <= width
+    for words in (LONG, " lag", "0 to 100 %", "under 1 %", "gravity and load"):
+        assert sum(words in line for line in lines) == 2
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])

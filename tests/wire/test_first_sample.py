@@ -60,6 +60,27 @@ def test_stall_after_the_activation_stops_the_arm(make_robot, robot_file):
     assert not arm.drive_torque_nm.any()
 
 
+@pytest.mark.parametrize(
+    ("robot_file", "switch_on", "label"),
+    [
+        (ODRIVE, lambda arm: setattr(arm.motors[1], "state", 8), "joint 2 (node 1): is armed"),
+        (DYNAMIXEL, lambda arm: arm.servos[2].memory.put(64, 1), "servo 2 (joint 2): its torque is on"),
+        (SO101, lambda arm: arm.servos[2].put(40, 1, 1), "servo 2 (joint 1): its torque is on"),
+    ],
+    ids=["odrive", "dynamixel", "feetech"],
+)
+def test_drive_with_torque_that_should_have_none_is_a_fault(make_robot, robot_file, switch_on, label):
+    """After a restart, or by another program: its samples were served as those of an arm without power."""
+    arm = make_robot(robot_file)
+    arm.robot.configure()
+    assert arm.ticks(20, None).torque_status is Status.OK
+    switch_on(arm)
+    assert arm.ticks(20, None).torque_status is Status.FAULT
+    assert f"{label}, although it was switched off" in arm.problem
+    arm.robot.deactivate()
+    assert arm.ticks(20, None).torque_status is Status.OK
+
+
 @pytest.mark.parametrize("robot_file", [ODRIVE, CUBEMARS], ids=["odrive", "cubemars"])
 def test_motor_silent_before_the_loop_is_named_and_power_stays_off(make_robot, robot_file, monkeypatch):
     assert FIRST_SAMPLE_S == 1.0

@@ -11,7 +11,7 @@ from palpate.robot_io.drivers.dynamixel.tables import DynamixelSettings, ServoSe
 from palpate.robot_io.drivers.joint_bus import joint_drivers
 from palpate.robot_io.drivers.servo.bus import ServoBus, ServoEncoder
 from palpate.robot_io.drivers.servo.feedback import FeedbackReader
-from palpate.robot_io.drivers.servo.line import TOO_HOT
+from palpate.robot_io.drivers.servo.line import IS_ON, TOO_HOT
 from palpate.robot_io.examination import Finding, Level, fail, graded, ok
 from palpate.robot_io.types import FloatArray
 
@@ -106,6 +106,8 @@ class DynamixelBus(ServoBus[DynamixelFeedback]):
     def _problem(self, feedback: DynamixelFeedback) -> str | None:
         states = feedback.torque_on, feedback.hardware_error, feedback.watchdog
         for label, torque_on, hardware_error, watchdog in zip(self._labels, *states, strict=True):
+            if torque_on and not self._powered:
+                return f"{label}: {IS_ON}"
             has_fired = watchdog == tables.WATCHDOG_FIRED
             if self._powered and has_fired:
                 return f"{label}: its bus watchdog has fired; its torque is off"

@@ -20,7 +20,7 @@ from palpate.robot_io.drivers.feetech.tables import POSITION_STEP_RAD, FeetechSe
 from palpate.robot_io.drivers.joint_bus import joint_drivers
 from palpate.robot_io.drivers.servo.bus import ServoBus, ServoEncoder
 from palpate.robot_io.drivers.servo.feedback import FeedbackReader
-from palpate.robot_io.drivers.servo.line import TOO_HOT
+from palpate.robot_io.drivers.servo.line import IS_ON, TOO_HOT
 from palpate.robot_io.errors import LifecycleError
 from palpate.robot_io.examination import Finding, Level, graded, ok
 from palpate.robot_io.types import FloatArray, clip
@@ -128,6 +128,8 @@ class FeetechBus(ServoBus[FeetechFeedback]):
     def _problem(self, feedback: FeetechFeedback) -> str | None:
         states = feedback.torque_on, feedback.errors, feedback.speed
         for label, torque_on, errors, speed in zip(self._labels, *states, strict=True):
+            if torque_on and not self._powered:
+                return f"{label}: {IS_ON}"
             if self._powered and not torque_on:
                 why = error_names(errors) if errors else "none; has it restarted?"
                 return f"{label}: has switched its torque off (error: {why})"

@@ -6,7 +6,7 @@ import threading
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from math import isnan, nan
+from math import inf, isnan, nan
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -83,6 +83,7 @@ class SerialReader:
         # Accepted reading; reading that waits for the next one; last accepted step.
         self._last_n = self._held_n = self._step_n = nan
         self._implausible = 0
+        self._last_fault, self._fault_at_s = "", -inf
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self.newest: ForceSample | None = None
@@ -93,10 +94,13 @@ class SerialReader:
         """Number of damaged and implausible readings so far."""
         return self._stream.rejected + self._implausible
 
-    @property
-    def fault_text(self) -> str:
-        """Error that the sensor reports, or an empty string."""
-        return self._stream.fault_text
+    def fault_text(self, since_s: float) -> str:
+        """Return the error that the sensor reports, or has reported since a time; an empty string if none.
+
+        Args:
+            since_s: robot's clock [s].
+        """
+        return self._stream.fault_text or (self._last_fault if self._fault_at_s >= since_s else "")
 
     def start(self) -> None:
         """Read the port until `stop`: in a thread, or, on a simulated clock, whenever time has advanced.
@@ -157,6 +161,8 @@ class SerialReader:
         arrived_s: float | None = read_s
         stream, rejected = self._stream, self._stream.rejected
         samples = stream.feed(data)
+        if stream.fault_text:
+            self._last_fault, self._fault_at_s = stream.fault_text, self._clock.now_s()
         is_damaged = stream.rejected != rejected
         if stream.poll and (samples or is_damaged):
             asked_s = stream.poll.answered(read_s)
@@ -331,7 +337,7 @@ class ForceLine(Bus):
         self._reader.start()
 
     def poll(self, deadline_s: float) -> None:
-        """See `Bus.poll`; never waits.
+        """See `Bus.poll`; never waits, and takes no sample of a sensor that has failed.
 
         Raises:
             DeviceError: the port failed, or the sensor says that it has.
@@ -340,9 +346,11 @@ class ForceLine(Bus):
         reader = self._reader
         if reader is None:
             return
+        # An error of a single reading, between two polls, counts as well.
+        now_s = self._clock.now_s()
+        if problem := reader.failure or reader.fault_text(now_s - self._silent_s):
+            raise DeviceError(f"{self.label}: {problem}")
         self.sample = reader.newest
-        if reader.failure or reader.fault_text:
-            raise DeviceError(f"{self.label}: {reader.failure or reader.fault_text}")
         if self.sample is None:
             if reader.rejected:
                 raise DeviceTimeoutError(
@@ -350,7 +358,7 @@ class ForceLine(Bus):
                     "yet: check that driver, baud rate, pattern and unit match the sensor"
                 )
             return
-        age_s = self._clock.now_s() - self.sample.arrived_at_s
+        age_s = now_s - self.sample.arrived_at_s
         if age_s > self._silent_s:
             late_s = self.sample.late_s
             late = f"; the last one came {late_s * 1e3:.1f} ms late" if late_s > self._silent_s else ""

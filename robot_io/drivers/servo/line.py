@@ -323,6 +323,7 @@ class ServoLine(ABC):
         return f"servo {servo_id}: reports that its torque is on" if on else None
 
 
+IS_ON = "its torque is on, although it was switched off"
 TOO_HOT = "let it cool down; see what it pushes against, and lower its load"
 
 

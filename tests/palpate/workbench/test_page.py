@@ -236,6 +236,10 @@ def test_narrow_window_has_no_sideways_scroll(opened, press):
     tab = opened(press, width=400)
     before = tab.error()
     tab.page.wait_for_function("() => document.documentElement.scrollWidth <= 400")
+    is_cut = "labels => labels.some(label => label.scrollWidth > label.clientWidth)"
+    assert not tab.page.locator(".q-field__label").evaluate_all(is_cut)
+    curves, checks = (tab.page.locator(name).first.bounding_box() for name in (".middle h2", ".gates"))
+    assert curves["y"] < checks["y"]
     tab.box("cubic_stiffness").click()
     assert tab.wait_for_other_error(before) < before
     for width in (844, 400):  # a phone is turned: unseen plots follow once they are seen

@@ -7,6 +7,7 @@ import pytest
 from palpate.robot_io.drivers.serial_force import bota
 from palpate.robot_io.drivers.serial_force.bota import BotaStream, crc16, decode_frame
 from palpate.robot_io.errors import DeviceError, ProtocolError
+from palpate.robot_io.types import Status
 from palpate.sim_backend.emulators.serial_sensors import INVALID, OVERRANGE, RAW, SKIPPED, bota_frame
 from tests.wire.parts import BOTA, ODRIVE
 
@@ -117,6 +118,17 @@ def test_sensor_is_configured_according_to_the_robot_file(arm):
     assert heard == [b"C", b"c,0,1,0,4", b"f,64,0,0,1", b"R"]
     times_s = {arm.tick(None).force_at_s for _ in range(80)}
     assert len(times_s) == pytest.approx(80 * arm.period_s * 800, rel=0.05)
+
+
+def test_restarted_sensor_gives_no_valid_force(arm):
+    """Its stored settings may differ; it was named, and its forces were used."""
+    arm.robot.configure()
+    arm.ticks(10, None)
+    arm.sensor._time_us = 0.0
+    arm.ticks(10, None)
+    for _ in range(10):
+        assert arm.tick(None).force_status is Status.FAULT
+    assert "the sensor has restarted" in arm.problem
 
 
 @pytest.mark.parametrize("refused", ["C", "c", "f", "R"])

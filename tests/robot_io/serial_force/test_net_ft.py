@@ -272,6 +272,17 @@ def test_sensor_that_repeats_its_measurement_is_silent_and_named(arm):
     assert "measures nothing new" in arm.problem
 
 
+def test_error_of_one_record_between_two_polls_is_a_fault(arm):
+    """The next record was good, and the arm went on."""
+    arm.robot.configure()
+    arm.ticks(10, None)
+    for arm.sensor.status in (0x80020000, 0):
+        arm.clock.sleep_until(arm.clock.now_s() + 1e-3)
+    assert arm.tick(None).force_status is Status.FAULT
+    assert "transducer saturated" in arm.problem
+    assert arm.ticks(10, None).force_status is Status.OK
+
+
 def test_looks_between_two_records_count_no_damage(arm):
     arm.robot.configure()
     arm.ticks(10, None)
