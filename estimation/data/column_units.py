@@ -264,8 +264,8 @@ class ColumnUnits:
             if name not in used:
                 in_use = ", ".join(role.column for role in chosen.values()) or "none"
                 raise InputError(
-                    f"{self.table.path}: --unit {name}={self.options.units[name]}: no such quantity or "
-                    f"column is in use. In use: {in_use}"
+                    f"{self.table.path}: --unit {name}={self.options.units[name]}: no quantity or "
+                    f"column in use has this name. In use: {in_use}"
                 )
 
     def _user_unit(self, role: Role) -> str:

@@ -89,8 +89,8 @@ class PlasticSet(MotionEffect):
         Parameter("kept", "1", 0.0, 1.0, (0.0, 1.0)),
     )
     confused_with = {
-        "stress_relaxation": "wait and press again: a set stays, relaxation recovers",
-        "adhesion": "press twice on one spot: a set moves the second touch",
+        "stress_relaxation": "wait and press again: a permanent set stays, relaxation recovers",
+        "adhesion": "press twice on one spot: a permanent set moves the second touch",
         "hysteresis": "press twice on one spot: the sensor has no memory of the depth",
     }
 

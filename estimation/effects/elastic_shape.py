@@ -231,7 +231,9 @@ class JointElasticity(MotionEffect):
     physics = "Gears, shafts and belts twist under the load, so that the link lags the measured motor."
     equation = "q_true = q - c load, with its derivatives"
     source = "M. W. Spong, J. Dyn. Sys. Meas. Control 109 (1987)"
-    signature = "errors grow with the second derivative of the load: at fast changes, not at slow ones"
+    signature = (
+        "errors appear at fast changes of the load, not at slow ones: they grow with its second derivative"
+    )
     signals = ("load",)
     channels = JOINTS
     inner = (Parameter("compliance", "{position}/{effort}", 0.0, 1e9, (1e-05, 0.1), log=True),)

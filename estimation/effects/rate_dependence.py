@@ -18,7 +18,7 @@ class Damping(AdditiveEffect):
     signals = ("velocity",)
     gains = (Parameter("c", "{effort} s/{position}", 0.0, 1e12, (0.1, 500.0)),)
     confused_with = {
-        "delay": "probe at two speeds and hold: a delay shifts force in time, a damper vanishes at rest",
+        "delay": "probe at two speeds and hold: a delay shifts force in time, a damper has no force at rest",
         "viscous_friction": "not possible: in a joint, both names denote the same term",
         "stress_relaxation": "hold: relaxation continues at rest, damping does not",
         "hysteresis": "probe at two speeds: hysteresis does not depend on speed",

@@ -93,7 +93,7 @@ def diagnose_command(data: DiagnoseOptions) -> None:
         try:
             content = study.diagnosis_to_save(diagnosis)
         except InputError as error:
-            console.warn(f"verdicts on other channels are not kept: {error}")
+            console.warn(f"the saved verdicts on other channels could not be kept: {error}")
             content = study.diagnosis_data(diagnosis)
         texts = {RESULT: json_text(content)}
         if following is not None:

@@ -279,7 +279,7 @@ def express(
         lost = list[str]()
         rotor = rotors[joint.number - 1] if joint.number <= len(rotors) else 0.0
         if rotor and isinstance(terms.get("armature"), TargetTerm):
-            own["armature"] = TermValue(rotor, (f"rotor of the robot file {rotor:.5g} kg m^2",))
+            own["armature"] = TermValue(rotor, (f"rotor inertia in the robot file: {rotor:.5g} kg m^2",))
         for effect, parameters in joint.by_effect.items():
             is_tilt = effect == "gravity_tilt" and {each.unit for each in parameters.values()} == {"rad"}
             key = TILT_OF_ARM if is_tilt else effect

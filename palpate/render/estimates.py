@@ -253,8 +253,8 @@ def calibration_remark(session: Session | None) -> list[str]:
     if not left:
         return []
     return [
-        f"the intervals include noise and steps, but not the uncertainty of the calibration: "
-        f"{' and '.join(left)} (one standard error)"
+        f"the intervals include noise and resolution of the readings, but not the uncertainty "
+        f"of the calibration: {' and '.join(left)} (one standard error)"
     ]
 
 

@@ -258,7 +258,7 @@ class Parameters:
                 await self._choose(self._state.with_held(name, None))
 
             with ui.row():
-                ui.button("bound", on_click=bound).props("dense unelevated no-caps")
-                ui.button("free", on_click=free).props("dense flat no-caps")
+                ui.button("Apply", on_click=bound).props("dense unelevated no-caps")
+                ui.button("Remove", on_click=free).props("dense flat no-caps")
         dialog.on("hide", dialog.delete)
         dialog.open()

@@ -245,7 +245,7 @@ ZeroAngle = Annotated[Number, between(-25.0, 25.0, "rad")]
 """A joint angle where its drive shows zero: four turns at most, more than a drive counts from power-up."""
 
 Capacity = Annotated[Positive, Field(le=1e5)]
-"""Where a force sensor's range ends [N]; no arm carries a larger one."""
+"""Largest force that a force sensor can measure [N]; larger sensors are too heavy for an arm."""
 TorqueConstant = Annotated[Number, between(1e-3, 100.0, "N m/A")]
 """Torque of a motor, or behind its gear, for its current [N m/A]."""
 

@@ -354,7 +354,7 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
         ({}, {"units": {"displacement": "N"}}, "is not a unit of displacement"),
         ({}, {"units": {"force": "1e999N"}}, "unit '1e999N' cannot be converted"),
         ({}, {"units": {"displacement": "furlong"}}, "Valid: "),
-        ({}, {"units": {"torque": "Nm"}}, "--unit torque=Nm: no such quantity or column is in use"),
+        ({}, {"units": {"torque": "Nm"}}, "--unit torque=Nm: no quantity or column in use has this name"),
         ({"torque_Nm": F}, {"units": {"torque": "mNm"}}, "--unit torque=mNm: no channel uses it as torque."),
         ({"noise": F}, {"columns": {"torque_Nm": "noise"}}, "--column torque_Nm=noise: no channel uses it"),
         (SWING, {"units": {"position_rad": "mm"}}, "'torque_Nm' in Nm: a torque goes with an angle"),

@@ -264,7 +264,9 @@ class ServoPairs:
         for label, ahead, zero_rad in zip(self._labels, ahead_rad, self._second_zeros_rad, strict=True):
             value = f"stand {abs(ahead):.4f} rad apart; pair_tolerance_rad is {self._tolerance_rad:g}"
             agreeing_rad = zero_rad - ahead
-            remedy = f"check horns and 'reversed'; if right, zero_rad of the second is {agreeing_rad:.4f}"
+            remedy = (
+                f"check horns and 'reversed'; if right, set the second servo's zero_rad to {agreeing_rad:.4f}"
+            )
             agree = abs(ahead) <= self._tolerance_rad
             findings.append(ok(label, value) if agree else fail(label, value, remedy))
         return findings

@@ -296,11 +296,11 @@ def test_bounds_are_asked_for_and_applied(opened, browser, state):
             (slider.props["min"], slider.props["max"]), rel=1e-3
         )
         lower.value = None
-        await browser.press("bound")
+        await browser.press("Apply")
         assert "the bounds are empty and " in browser.said[0]
         assert "give two numbers" in browser.said[0]
         lower.value, upper.value = 50.0, 60.0
-        await browser.press("bound")
+        await browser.press("Apply")
         assert not any(each.value for each in browser.all(ui.dialog))
         assert state.choice.bounds == {"damping.c": (50.0, 60.0)}
         assert interval(browser, "damping.c")[1] == "within 50 to 60, held at this bound"
@@ -308,10 +308,10 @@ def test_bounds_are_asked_for_and_applied(opened, browser, state):
             await browser.send(each, "hide")
         assert not browser.all(ui.dialog)
         assert [each.value for each in await ask()] == [50.0, 60.0]
-        await browser.press("free")
+        await browser.press("Remove")
         assert state.choice.bounds == {}
         await ask()
-        await browser.press("free")  # it is free already
+        await browser.press("Remove")  # it is free already
         assert not any(each.value for each in browser.all(ui.dialog))
 
     opened(work)
