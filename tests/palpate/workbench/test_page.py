@@ -242,6 +242,9 @@ def test_narrow_window_has_no_sideways_scroll(opened, press):
     assert curves["y"] < checks["y"]
     tab.box("cubic_stiffness").click()
     assert tab.wait_for_other_error(before) < before
+    tab.page.set_viewport_size({"width": 1024, "height": 768})
+    tops = "() => new Set([...document.querySelectorAll('.top .q-btn')].map(e => e.offsetTop)).size"
+    tab.page.wait_for_function(f"() => ({tops})() === 1")
     for width in (844, 400):  # a phone is turned: unseen plots follow once they are seen
         tab.page.set_viewport_size({"width": width, "height": 844})
         tab.page.wait_for_function("width => document.documentElement.scrollWidth <= width", arg=width)
