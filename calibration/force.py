@@ -24,7 +24,8 @@ from itertools import compress
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.stats import linregress, t
+from scipy.special import stdtrit
+from scipy.stats import linregress
 
 from palpate.calibration.standstill import MAX_REL_STD, UncertainValue, few_sample_factor
 from palpate.estimation.data.table import Table, read_table
@@ -440,7 +441,7 @@ def _change_towards_step(plateaus: Plateaus) -> float:
 
 
 def _is_significant(values: FloatArray, errors: FloatArray, degrees_of_freedom: int) -> BoolArray:
-    return np.asarray(np.abs(values) > t.ppf(1 - _SIGNIFICANT / 2, degrees_of_freedom) * errors)
+    return np.asarray(np.abs(values) > stdtrit(degrees_of_freedom, 1 - _SIGNIFICANT / 2) * errors)
 
 
 def check_references(reference_n: Sequence[float] | FloatArray) -> None:

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from scipy.stats import norm, t
+from scipy.special import ndtri, stdtrit
 
 from palpate.control.loop.loop import READ_SHARE, first_measurement
 from palpate.control.loop.stop_handler import InterruptFlag
@@ -39,7 +39,7 @@ def few_sample_factor(degrees_of_freedom: int) -> float:
     Args:
         degrees_of_freedom: number of samples minus number of estimated parameters, at least 1.
     """
-    return float(t.ppf(_COVERED, degrees_of_freedom) / norm.ppf(_COVERED))
+    return float(stdtrit(degrees_of_freedom, _COVERED) / ndtri(_COVERED))
 
 
 _NO_DURATIONS = TickDurations(*[0.0] * len(TickDurations._fields))
