@@ -46,7 +46,7 @@ def test_lifecycle_calls_follow_their_order(robot_setup):
     assert np.isfinite(robot_setup.settle().joint_position_rad).all()  # read before it is powered
     with pytest.raises(LifecycleError, match="configured"):
         robot.write(Command(np.zeros(robot.joint_count)), robot_setup.clock.now_s())
-    for _ in range(3):
+    for _ in range(2):
         robot.activate()
         robot_setup.tick()
         robot.deactivate()
