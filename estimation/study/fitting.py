@@ -9,7 +9,6 @@ from dataclasses import replace
 from multiprocessing import current_process
 
 import numpy as np
-import scipy
 
 from palpate.estimation import diagnosis
 from palpate.estimation.base_model import ModelContext
@@ -21,7 +20,7 @@ from palpate.estimation.diagnosis.candidates import extended_models
 from palpate.estimation.diagnosis.forms import error_of_kinds
 from palpate.estimation.effect import Effect
 from palpate.estimation.effects.elastic_shape import CubicStiffness
-from palpate.estimation.effects.time_memory import StressRelaxation
+from palpate.estimation.effects.time_memory import RelaxationSpectrum, StressRelaxation
 from palpate.estimation.fit.fit_problem import solve_gains
 from palpate.estimation.fit.fit_result import FitResult, Validation, fit_model
 from palpate.estimation.fit.inner_search import optimize_inner, search_inner
@@ -59,10 +58,8 @@ def fit_base(data: ChannelData, model: Model, full_data: ChannelData | None = No
 _RELAXING_RATIO = 0.9  # ratio of held-out errors below which an object relaxes
 _RECOVERED_RATIO = 0.9  # the same below which it is taken to recover between runs
 _WORSE_RATIO = 1.05  # the same above which it is not, whatever the flexible laws show
-_PROMISING_RATIO = 0.98  # the same above which no slower recovery is searched
-_LOG_RATIOS = tuple(np.log([0.3, 0.5, 0.8]))  # logarithms of the recovery ratio that are tried first
-_SMALLEST_LOG_RATIO = np.log(0.03)
-_RATIO_TOLERANCE = 0.01  # of the logarithm of the recovery ratio
+_REPEATS = 8  # fits in which the ratio of a recovery and the shares of the object's branches converge
+_SMALLEST_RATIO = 0.01
 
 
 def recovery(data: ChannelData) -> tuple[bool, float]:
@@ -71,7 +68,8 @@ def recovery(data: ChannelData) -> tuple[bool, float]:
     It has recovered if each run presses another spot or specimen, or if the object rests for long enough.
     Without the memory of earlier runs, the flexible laws of the object's kinds then predict held-out runs
     better. A cubic spring with one relaxation must not predict them worse, since few runs allow a chance
-    result. Otherwise, the ratio is optimized if this lowers the held-out error of this model.
+    result. Otherwise, the surface is taken to be free between contacts if this lowers the held-out error of
+    this model, or of one with two branches.
 
     Args:
         data: a contact channel; the results are False and 1 for other channels, and for runs without a common
@@ -101,30 +99,40 @@ def recovery(data: ChannelData) -> tuple[bool, float]:
             squares = [law.mean_square(OBJECT_KINDS) for law in laws]
             if squares[1] < _RECOVERED_RATIO**2 * squares[0]:
                 return True, 1.0
-        if np.any(np.diff(data.time_s) < 0.0):
-            return False, 1.0
+        ratio = 1.0
+        if np.all(np.diff(data.time_s) >= 0.0):
+            ratio = _free_surface_ratio(continued, hardening, fits[0])
+        return False, ratio
 
-        def error_of_laws(log_ratio: float) -> float:
-            slower = replace(continued, recovery_ratio=float(np.exp(log_ratio)))
-            return error_of_kinds(fit_model(slower, spring, {}, good)).mean_square(OBJECT_KINDS)
 
-        def error_of_branch(log_ratio: float) -> float:
-            slower = replace(continued, recovery_ratio=float(np.exp(log_ratio)))
-            return fit_model(slower, relaxing, fits[0].solution.parameters, good).rmse ** 2
+def _free_surface_ratio(data: ChannelData, base: Model, held: FitResult) -> float:
+    """Return `ChannelData.recovery_ratio` of a free surface, or 1 if that predicts held-out runs no better.
 
-        # One branch determines the ratio best, but may be wrong if the object has more.
-        for error in (error_of_branch, error_of_laws):
-            if min(map(error, _LOG_RATIOS)) > _PROMISING_RATIO**2 * error(0.0):
-                continue
-            optimum = scipy.optimize.minimize_scalar(
-                error,
-                bounds=(_SMALLEST_LOG_RATIO, 0.0),
-                method="bounded",
-                options={"xatol": _RATIO_TOLERANCE},
-            )
-            if optimum.fun < _RECOVERED_RATIO**2 * error(0.0):
-                return False, float(np.exp(optimum.x))
-        return False, 1.0
+    A free surface adds no parameter, since the shares of the relaxing branches determine the ratio.
+
+    Args:
+        data: a contact channel with one clock for all runs.
+        base: a model without relaxation.
+        held: fit of the base model and `stress_relaxation`, with the surface held in free air.
+    """
+    good, free, ratio, limit = usable(data), held, 0.5, _RECOVERED_RATIO * held.rmse
+    for _ in range(_REPEATS):
+        free_data = replace(data, recovery_ratio=ratio)
+        free = fit_model(free_data, held.model, free.values, good)
+        stiffness, relaxing = free.values["stiffness.k"], free.values["stress_relaxation.k1"]
+        ratio = max(stiffness / max(stiffness + relaxing, 1e-300), _SMALLEST_RATIO)
+    if free.rmse < limit:
+        return ratio
+    # An object with two branches is one whose surface is free if this is so for two branches.
+    share, tau_s = 0.5 * (1.0 - ratio), free.values["stress_relaxation.tau"]
+    start = {"fast": share, "slow": share, "fast_time": 0.2 * tau_s, "slow_time": 2.0 * tau_s}
+    named = {f"relaxation_spectrum.{name}": value for name, value in start.items()}
+    spectrum = base.with_effect(RelaxationSpectrum())
+    held, free = (fit_model(each, spectrum, named, good) for each in (data, free_data))
+    if free.rmse > min(limit, _RECOVERED_RATIO * held.rmse):
+        return 1.0
+    shares = free.values["relaxation_spectrum.fast"] + free.values["relaxation_spectrum.slow"]
+    return max(1.0 - float(shares), _SMALLEST_RATIO)
 
 
 def preview_extended(parent: FitResult, effect: Effect) -> FitResult:
