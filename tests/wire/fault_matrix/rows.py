@@ -51,7 +51,7 @@ class Family:
 
 FAMILIES = {
     "dynamixel": Family("Dynamixel", DYNAMIXEL, "motors", 5),
-    "odrive": Family("ODrive, CAN", ODRIVE, "motors", 5, late_s=0.05),
+    "odrive": Family("ODrive, CAN", ODRIVE, "motors", 5, late_s=0.062),
     "mit": Family("MIT mode, CubeMars, CAN", CUBEMARS, "motors", 5, late_s=0.16),
     "damiao": Family("MIT mode, Damiao, CAN", DAMIAO, "motors", 5),
     "robstride": Family("MIT mode, Robstride, CAN", ROBSTRIDE, "motors", 5, late_s=0.15),
@@ -61,13 +61,13 @@ FAMILIES = {
     "feetech_pair": Family(
         "Feetech, two servos on a joint", SO101, "motors", 13, (FEETECH_PAIR,), tick_ms=4, speed_m_s=0.03
     ),
-    "loadstar": Family("Loadstar, serial", ODRIVE, "load_cell", 10, late_s=0.05),
+    "loadstar": Family("Loadstar, serial", ODRIVE, "load_cell", 10, late_s=0.062),
     "lorenz": Family("Lorenz, serial", CUBEMARS, "load_cell", 5, late_s=0.16),
-    "lines": Family("line parser, serial", ODRIVE, "load_cell", 10, (LINES,), late_s=0.05),
-    "mark10": Family("Mark-10, serial, polled", ODRIVE, "load_cell", 10, (MARK10,), late_s=0.05),
-    "net_ft": Family("ATI Net F/T, UDP", ODRIVE, "load_cell", 10, NET_FT, late_s=0.05),
-    "bota": Family("Bota, serial", ODRIVE, "load_cell", 10, BOTA, late_s=0.07),
-    "cell": Family("load cell on a microcontroller, serial", ODRIVE, "load_cell", 10, (CELL,), late_s=0.05),
+    "lines": Family("line parser, serial", ODRIVE, "load_cell", 10, (LINES,), late_s=0.062),
+    "mark10": Family("Mark-10, serial, polled", ODRIVE, "load_cell", 10, (MARK10,), late_s=0.062),
+    "net_ft": Family("ATI Net F/T, UDP", ODRIVE, "load_cell", 10, NET_FT, late_s=0.062),
+    "bota": Family("Bota, serial", ODRIVE, "load_cell", 10, BOTA, late_s=0.082),
+    "cell": Family("load cell on a microcontroller, serial", ODRIVE, "load_cell", 10, (CELL,), late_s=0.062),
 }
 
 
