@@ -60,8 +60,8 @@ _STATUS: Final = {
     1 << 30: "force or torque out of range",
 }
 _COUNTERS: Final = 1 << 32
-_OLD_RECORDS = 50  # in a row are more than any network repeats,
-_OLD_BEGINNING, _BEGINNING = 3, 20  # and so many of the first records that there are, long after them
+_OLD_RECORDS = 50  # consecutive old records that show a restart, because no network repeats so many;
+_OLD_BEGINNING, _BEGINNING = 3, 20  # or fewer, if they are numbered like the first records of a stream
 
 
 class RdtRecord(NamedTuple):
@@ -88,7 +88,7 @@ def decode_record(datagram: bytes) -> RdtRecord:
 class NetFtStream(ReadingStream):
     """Forces of one axis ("x", "y" or "z") from datagrams, `rate_hz` of them a second [Hz].
 
-    Rejected are datagrams that were not records, and records that were not new.
+    Datagrams that are not records, and records that are not new, are rejected.
     """
 
     has_checksums = True
@@ -187,7 +187,7 @@ def _value(text: str, name: str, default: str | None = None) -> str:
 
 
 _LARGEST_DATAGRAM = 2048  # bytes
-_AT_ONCE = 1000  # datagrams in one look, at most
+_AT_ONCE = 1000  # most datagrams that are read at once
 
 _Port = Annotated[int, Field(ge=1, le=65_535, strict=True)]
 
@@ -285,7 +285,7 @@ class NetFtLine(ForceLine):
 
 
 _ANSWER_S, _REQUESTS = 0.2, 3
-_AGREE = 1e-6  # of a scale
+_AGREE = 1e-6  # largest relative difference between two equal scales
 
 
 class NetFtSettings(AxisForceSettings):

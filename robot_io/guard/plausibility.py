@@ -32,10 +32,10 @@ resolution excuses no more than a twentieth of the torque limit: a drive that no
 found from an eighth of its limit on. A small torque is not expected of a drive that has never measured so
 small a torque of that sign.
 
-A drive whose reading is frozen elsewhere exerts its torque, but would no longer be watched. A reading is
+A drive whose reading is frozen at a larger torque may work, but can no longer be checked. A reading is
 frozen if it is exactly constant while the commands that it must have shown change by more than dead band and
-resolution of a working drive explain. An amplifier in saturation is constant too: at the end of the readings
-so far, and only for commands that are not much smaller than the reading.
+resolution of a working drive explain. The reading of a saturated amplifier is constant too, but it
+is the largest so far, and the commands are not much smaller.
 """
 
 from math import inf, isfinite, log, nan
@@ -216,7 +216,7 @@ _LEAST_KNOWN = 100  # samples before a problem can be reported
 _LEAST_SHARE = 0.05  # smallest share assumed for any sensor
 _IMPROBABLE = -log(1e-9)
 _LONGER = 3  # multiple of the longest sequence so far
-# Times a step, over what a sample goes up and down beyond one: no less than p in the middle of a step, for
+# This times a step, divided by the mean noise beyond one step, is at least p in the middle of a step, for
 # normal noise of any size.
 _NOISE_SHARE = 0.25
 _MOST_STEPS = 8.0  # larger jumps are impacts, and count as this much noise
@@ -299,20 +299,21 @@ class StuckForce:
         return max(_IMPROBABLE / -log(share), _LONGER * self._longest) if share < 1.0 else inf
 
 
-_MISSING_SHARE = 0.5  # share of the sent torque that may always be missing, and
-_CLEAR_SHARE = 0.5  # largest share of this that is missing if a torque is clearly measured
-_STEADY = 1.5  # times the least is the most torque of late, where one was shown: not in passing
-_SMALLER = 0.8  # times the smallest torque so shown: must be shown as well,
-_LARGE_SHARE = 0.1  # and so must this share of the torque limit, whatever was shown
+_MISSING_SHARE = 0.5  # share of the sent torque that may be missing, in addition to
 _FLOOR_SHARE = 0.01  # this share of the torque limit, and
-_JUMPS = 2.0  # multiple of the reading's mean jump
+_JUMPS = 2.0  # this multiple of the reading's mean jump
+_CLEAR_SHARE = 0.5  # a torque is clearly measured if at most this share of that sum is missing,
+_STEADY = 1.5  # and if recent commands differ by no more than this factor
+_SMALLER = 0.8  # a torque is expected from this multiple of the smallest clearly measured one on,
+_LARGE_SHARE = 0.1  # or from this share of the torque limit on
 _JUMP_SHARE = 0.02  # weight of a new jump in that mean
 _CONSTANT_S = 0.1  # time without a jump after which they excuse
 _COARSEST_SHARE = 0.05  # no more than this share of the torque limit
 _DISOBEYED_SAMPLES = 5  # consecutive samples before it counts, at any sample rate
-_FROZEN_SHARE = 0.05  # share of the torque limit, beyond resolution, by which commands change for one reading
+# Largest change of the commands, beyond the resolution, that leaves a reading constant; share of the limit.
+_FROZEN_SHARE = 0.05
 _DEAD_SHARE = 0.05  # share of the torque limit that may be lost around zero
-_FROZEN_INTERVALS = 3  # intervals that have begun since, after which the second last was not shown at all
+_FROZEN_INTERVALS = 3  # once so many have begun without a change, the second last should have been shown
 _LARGEST_GAIN = 4.0  # ratio of a reading to its torque, at most
 _HABIT_S = 1.0  # time constant with which a deviation becomes usual;
 _FIRST_S = 0.05  # for this time after the first command,
