@@ -32,7 +32,7 @@ resolution excuses no more than a twentieth of the torque limit: a drive that no
 found from an eighth of its limit on. A small torque is not expected of a drive that has never measured so
 small a torque of that sign.
 
-A drive whose reading is frozen at a larger torque may work, but can no longer be checked. A reading is
+A drive whose reading is frozen at some torque may still work, but can no longer be checked. A reading is
 frozen if it is exactly constant while the commands that it must have shown change by more than dead band and
 resolution of a working drive explain. The reading of a saturated amplifier is constant too, but it
 is the largest so far, and the commands are not much smaller.
