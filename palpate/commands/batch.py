@@ -142,12 +142,12 @@ def _print(result: "BatchResult", *, pool: bool) -> None:
     many = count(result.measurements, "measurement")
     to.print(f"[bold]{many}[/bold]{with_models}, {len(result.errors)} unreadable")
     for verdict, number in Counter(filter(None, texts(table, "verdict"))).most_common():
-        to.print(f"  {verdict}: {number}")
+        console.say_below(f"{verdict}: {number}")
     if effects := Counter(name for text in texts(table, "effects") for name in text.split(", ") if name):
         named = ", ".join(f"{name} {number}" for name, number in effects.most_common(_MOST_SHOWN))
-        to.print(f"  effects named: {named}")
+        console.say_below(f"effects named: {named}")
     for words in _warnings(table):
-        to.print(f"  [yellow]{safe(words)}[/yellow]")
+        console.say_below(f"[yellow]{safe(words)}[/yellow]")
     missing = [
         f"{each.channel}: {each.effect}"
         + f" (or {', '.join(each.confused_with)})" * bool(each.confused_with)
@@ -155,29 +155,29 @@ def _print(result: "BatchResult", *, pool: bool) -> None:
         for each in result.common_effects
     ]
     for words in missing or ["--pool: the pooled data show no missing effect"] * pool:
-        to.print(f"  [bold]{safe(words)}[/bold]")
+        console.say_below(f"[bold]{safe(words)}[/bold]")
     for entry in result.pooled[:_MOST_SHOWN]:
-        to.print(f"  {safe(_mean(entry))}")
+        console.say_below(f"{safe(_mean(entry))}")
     for shared in result.shared:
         group = "" if shared.group == "all" else f"{shared.group} "
         where = safe(f"{group}{shared.parameter} in {count(shared.count, 'estimate')}")
         if shared.contradicted:
             problem = f"{where} is not shared: the estimates differ by more than their intervals allow"
-            to.print(
-                f"  [yellow]{problem}[/yellow] (corrected p {format_computed_p_value(shared.p_corrected)})"
+            console.say_below(
+                f"[yellow]{problem}[/yellow] (corrected p {format_computed_p_value(shared.p_corrected)})"
             )
         else:
             value = plus_minus(shared.value, shared.interval[1] - shared.value)
-            to.print(f"  {where}, shared: {safe(f'{value} {shared.unit} (95 %)')}")
+            console.say_below(f"{where}, shared: {safe(f'{value} {shared.unit} (95 %)')}")
     for difference in result.differences:
         if difference.p_corrected < 0.05:
             words = f"{difference.parameter} differs between {' and '.join(difference.groups)}"
             corrected = format_computed_p_value(difference.p_corrected)
-            to.print(f"  [yellow]{safe(words)}[/yellow] (corrected p {corrected})")
+            console.say_below(f"[yellow]{safe(words)}[/yellow] (corrected p {corrected})")
     for name, error in list(result.errors.items())[:_MOST_SHOWN]:
-        to.print(f"  [yellow]{safe(error if name in error else f'{name}: {error}')}[/yellow]")
+        console.say_below(f"[yellow]{safe(error if name in error else f'{name}: {error}')}[/yellow]")
     if result.outliers:
-        to.print(f"  {count(len(result.outliers), 'outlier')}: see the page")
+        console.say_below(f"{count(len(result.outliers), 'outlier')}: see the page")
     to.print(f"page  [bold]{display_path(result.page)}[/bold]")
 
 

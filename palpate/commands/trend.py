@@ -155,21 +155,25 @@ def _update(  # noqa: PLR0917, what was typed
         to, short, constant = console.stdout(), content["short"], content["constant"]
         to.print(f"{count(len(set(labels)), 'time')}, {len(tested)} series tested")
         for change in content["changes"]:
-            to.print(f"  [yellow]{safe(describe_change(change))}[/yellow]")
+            console.say_below(f"[yellow]{safe(describe_change(change))}[/yellow]")
         if constant and (names or not tested):
-            to.print(f"  the same value in all measurements, so not tested: {safe(', '.join(constant))}")
+            console.say_below(
+                f"the same value in all measurements, so not tested: {safe(', '.join(constant))}"
+            )
         elif not tested:
-            to.print(f"  nothing is tested: a series needs at least {LEAST} measurements")
+            console.say_below(f"nothing is tested: a series needs at least {LEAST} measurements")
         if not content["changes"] and short < len(tested):
-            to.print("  nothing changes by more than its scatter")
+            console.say_below("nothing changes by more than its scatter")
         if short:
             words = f"{short} of them are too short to detect a step: this takes {least} measurements if "
-            to.print(f"  [yellow]{words}{len(tested)} series are tested; --parameter tests fewer[/yellow]")
+            console.say_below(
+                f"[yellow]{words}{len(tested)} series are tested; --parameter tests fewer[/yellow]"
+            )
         if left_out := content["left_out"]:
             which = f"{_series_name(left_out[0])} at {left_out[0]['at']} ({left_out[0]['value']:.3g})"
             others = " and others" if len(left_out) > 1 else ""
             words = f"{count(len(left_out), 'isolated value')} left out: {safe(which)}{others}"
-            to.print(f"  [dim]{words}[/dim]")
+            console.say_below(f"[dim]{words}[/dim]")
         to.print(f"page  [bold]{display_path(page)}[/bold]")
 
     console.present(content, show, as_json=as_json)

@@ -20,6 +20,7 @@ import typer
 from rich.box import SIMPLE_HEAD as SIMPLE
 from rich.console import Console, JustifyMethod
 from rich.markup import escape
+from rich.padding import Padding
 from rich.table import Table
 
 from palpate.common.failures import JsonOutput
@@ -243,6 +244,15 @@ def say(text: str) -> None:
         text: line to print, with markup.
     """
     stdout().print(text, soft_wrap=True)
+
+
+def say_below(text: str) -> None:
+    """Print a line of results that belongs to the one above; all its lines are indented.
+
+    Args:
+        text: line to print, with markup.
+    """
+    stdout().print(Padding(text, (0, 0, 0, 2), expand=False))
 
 
 def warn(remark: str, more: str = "") -> None:

@@ -1,6 +1,7 @@
 """Tables in narrow terminals, and harmless text in CSV files."""
 
 import io
+import re
 import sys
 from dataclasses import replace
 from functools import cache
@@ -184,6 +185,15 @@ def test_next_step_descriptions_wrap_below_the_command(monkeypatch, capsys):
         monkeypatch.setattr(console, "_console", lambda made=made, **_: made)
         console.next_steps(("palpate compare file.mcap", "where the model fails first"))
         assert len(capsys.readouterr().out.splitlines()) == lines
+
+
+def test_line_below_another_is_indented_where_it_wraps(monkeypatch, capsys):
+    made = Console(width=40, file=sys.stdout)
+    monkeypatch.setattr(console, "_console", lambda **_: made)
+    console.say_below("[yellow]one of the parameters[/yellow] is different in each group")
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 2
+    assert all(re.match(r"  \w", line) for line in lines)
 
 
 @pytest.mark.parametrize("width", [60, 120])
