@@ -72,6 +72,7 @@ class Search:
     _fits: dict[_Key, FitResult] = field(default_factory=dict)
     _screened: dict[_Key, list[Candidate]] = field(default_factory=dict)
     _alternatives: dict[tuple[_Key, str], list[Candidate]] = field(default_factory=dict)
+    _significant: dict[tuple[FitResult, FitResult], bool] = field(default_factory=dict)
     # Models with one more effect of the library, as `fit_extended` fits them, by the model and the effect.
     extended: dict[tuple[FitResult, str], FitResult] = field(default_factory=dict)
 
@@ -409,7 +410,9 @@ class Search:
             return False
         if np.mean(after.solution.linear_fit.held_out < before.solution.linear_fit.held_out) < _FOLDS:
             return False
-        return self.p_value(before, after, LEVEL) <= LEVEL
+        if (before, after) not in self._significant:  # a backward step repeats the test of the last addition
+            self._significant[before, after] = self.p_value(before, after, LEVEL) <= LEVEL
+        return self._significant[before, after]
 
     def p_value(self, before: FitResult, after: FitResult, level: float = 1.0) -> float:
         """Estimate an effect's p-value by a max-statistic permutation test; 0 if it is clear without a test.
