@@ -113,7 +113,8 @@ def _print(outcome: ProbingOutcome, planned: int) -> None:
     loop, out = outcome.loop, console.stdout()
     faster = ""
     if loop.wall_s < 0.9 * loop.duration_s:
-        faster = f", {loop.duration_s / loop.wall_s:.2g} times real time"
+        ratio = loop.duration_s / loop.wall_s
+        faster = f", {ratio:.{1 if ratio < 10.0 else 0}f} times real time"
     if loop.outcome is Outcome.FINISHED:
         done = "planned" if outcome.failures else "done"
     else:
