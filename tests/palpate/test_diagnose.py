@@ -190,7 +190,7 @@ def test_next_commands_name_their_joint(tmp_path, monkeypatch):
     ] == [("inertia", True), ("pendulum", True)]
     (folder / "diagnosis.json").write_text("{}")
     warned = done("diagnose", data, "--channel", "joint_2", "--out", folder, "--force")
-    assert "verdicts on other channels are not kept" in " ".join(warned.stderr.split())
+    assert "verdicts on other channels could not be kept" in " ".join(warned.stderr.split())
     (only,) = json.loads((folder / "diagnosis.json").read_text())["channels"]
     assert only == alone
 
