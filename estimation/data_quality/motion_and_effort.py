@@ -113,14 +113,16 @@ def _may_be_si(data: ChannelData, quantity: str) -> bool:
 def mistaken_times(data: ChannelData) -> str | None:
     """Report a velocity that contradicts the position, because of wrong times or a wrong unit.
 
-    The import of files discards such a velocity; this check is for other sources. Means over unevenly spaced
-    readings give no answer, since a mean of such velocities is not the velocity of the mean position. A
-    velocity of zero throughout describes a static measurement, whose position changes between readings.
+    The import of files discards such a velocity; this check is for other sources. A velocity that was derived
+    from the position follows it except for its smoothing. Means over unevenly spaced readings give no answer,
+    since a mean of such velocities is not the velocity of the mean position. A velocity of zero throughout
+    describes a static measurement, whose position changes between readings.
 
     Args:
         data: the channel.
     """
-    if data.averaged > 1 and not is_even(data.time_s, data.run):
+    is_derived = bool(data.units) and "velocity" not in data.units
+    if is_derived or (data.averaged > 1 and not is_even(data.time_s, data.run)):
         return None
     ratio = mistaken_scale(data.time_s, data.position, data.velocity, data.run)
     if ratio is None or (np.isnan(ratio) and not data.velocity.any()):

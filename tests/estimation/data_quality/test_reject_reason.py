@@ -354,6 +354,13 @@ def test_harmless_anomalies_do_not_prevent_a_diagnosis(name):
     assert reject_reason(JUDGED[name]()) is None
 
 
+def test_velocity_that_was_derived_is_not_rejected():
+    """In some recordings, noise of the position exceeds its motion within the smoothing window."""
+    data = press(velocity=np.random.default_rng(0).normal(0.0, 1.0, len(X)))()
+    assert "does not follow the position" in reject_reason(data)
+    assert not reject_reason(replace(data, units={"time": "s", "displacement": "m", "force": "N"}))
+
+
 @pytest.mark.parametrize(("factor", "step"), [(0.1, 0.05), (0.5, 0.0), (2.0, 0.05), (30.0, 0.0)])
 def test_wrong_velocity_is_detected_through_encoder_steps(factor, step):
     data = coarsely_read(step)
