@@ -49,7 +49,13 @@ class _Relaxation(Effect):
             each.form = number
         return forms
 
-    def relaxed(self, memory: Callable[..., FloatArray], signal: FloatArray, data: ChannelData) -> FloatArray:
+    def relaxed(
+        self,
+        memory: Callable[..., FloatArray],
+        signal: FloatArray,
+        data: ChannelData,
+        remaining: FloatArray | None = None,
+    ) -> FloatArray:
         """Return a strain or elastic force, (n,) or (n, k), after relaxation with this memory.
 
         Args:
@@ -57,8 +63,10 @@ class _Relaxation(Effect):
                 returns what remains of the signal, in its shape.
             signal: strain or elastic force, shape (n,) or (n, k).
             data: the channel, n samples. In form 1, runs that begin in contact begin relaxed.
+            remaining: the result without such runs; None to compute it.
         """
-        remaining = remaining_strain(memory, signal, data.time_s, data.run, data, pressed_samples(data))
+        if remaining is None:
+            remaining = remaining_strain(memory, signal, data.time_s, data.run, data, pressed_samples(data))
         if self.form:
             first, piece = block_index(data.run)
             change = memory(signal - signal[first][piece], data.time_s, data.run, independent_runs=True)
@@ -195,10 +203,9 @@ class RelaxationSpectrum(_Relaxation, MemoryEffect):
     def fade(self, elastic: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         shares = np.array([inner["fast"], inner["slow"]])
         rates = 1.0 / np.array([inner["fast_time"], inner["slow_time"]])
-        if data.recovery_ratio == 1.0:
-            fading = self.relaxed(partial(fading_memory, rates=rates, weights=shares), elastic, data)
-        else:
-            fading = free_surface_memory(elastic, data, rates, shares)
+        free = free_surface_memory(elastic, data, rates, shares) if data.recovery_ratio != 1.0 else None
+        memory = partial(fading_memory, rates=rates, weights=shares)
+        fading = self.relaxed(memory, elastic, data, free)
         return np.asarray((1.0 - shares.sum()) * elastic + fading)
 
     def in_order(self, inner: Inner) -> Inner:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from palpate.estimation.channel import ChannelData
-from palpate.estimation.signals.blocks import block_index, number_stretches
+from palpate.estimation.signals.blocks import block_index, number_stretches, runs_by_time
 from palpate.estimation.signals.cache_by_array import cache_by_array, cache_by_channel_arrays
 from palpate.estimation.signals.exponential_memory import relax
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
@@ -38,9 +38,9 @@ def remaining_strain(  # noqa: PLR0917
     """
     if data.recovery_ratio == 1.0:
         return memory(strain, time_s, run, independent_runs=bool(data.recovers))
-    rows, clock_s, number = _press_clock(time_s, run, pressed, data.recovery_ratio)
+    rows, last, clock_s, number = _press_clock(time_s, run, pressed, data.recovery_ratio)
     inside = memory(strain[rows], clock_s, number, independent_runs=False)
-    return _with_air(inside, strain, rows, 1.0)
+    return _with_air(inside, strain, rows, last, 1.0)
 
 
 def free_surface_memory(
@@ -62,7 +62,7 @@ def free_surface_memory(
     Returns:
         sum f_i Z_i, shape (n, k).
     """
-    rows, time_s, number = _press_clock(data.time_s, data.run, pressed_samples(data), 1.0)
+    rows, last, time_s, number = _press_clock(data.time_s, data.run, pressed_samples(data), 1.0)
     if not len(rows):
         return np.zeros(strain.shape)
     pressed = strain[rows]
@@ -74,23 +74,28 @@ def free_surface_memory(
     decay = np.exp(-np.outer(rates, time_s - time_s[starts][contact]))
     exponents, modes = np.linalg.eig(-rates[:, None] * (np.eye(len(rates)) - shares))
     pauses_s = time_s[starts[1:]] - time_s[ends[:-1]]
-    recovery = (modes * np.exp(np.outer(pauses_s, exponents))[:, None]) @ np.linalg.inv(modes)
+    # If the shares exceed 1, the solid is unstable; its state would overflow in a long pause.
+    remaining = np.exp(np.outer(pauses_s, np.minimum(exponents, 0.0)))
+    remaining[pauses_s < 0.0] = 0.0  # runs with separate clocks
+    recovery = (modes * remaining[:, None]) @ np.linalg.inv(modes)
     carried = np.zeros((len(starts), len(rates), strain.shape[1]))  # state at the start of each contact
     left = (branches[:, ends] - pressed[ends]).swapaxes(0, 1)
-    for number_before, remaining in enumerate(recovery):
+    for number_before, recovered in enumerate(recovery):
         before = carried[number_before] * decay[:, ends[number_before], None] + left[number_before]
-        carried[number_before + 1] = remaining @ before
+        carried[number_before + 1] = recovered @ before
     branches += carried[contact].swapaxes(0, 1) * decay[..., None]
-    return _with_air(np.tensordot(shares, branches, 1), strain, rows, shares.sum())
+    return _with_air(np.tensordot(shares, branches, 1), strain, rows, last, shares.sum())
 
 
-def _with_air(inside: FloatArray, strain: FloatArray, rows: IntArray, share: float) -> FloatArray:
+def _with_air(
+    inside: FloatArray, strain: FloatArray, rows: IntArray, last: IntArray, share: float
+) -> FloatArray:
     """Fill a memory (p, ...) of the rows (p,) in contact with the state in which the last contact ended.
 
     In free air, this keeps the predicted force below zero.
     """
     left = np.concatenate([np.zeros((1, *strain.shape[1:])), inside - share * strain[rows]])
-    memory = left[np.searchsorted(rows, np.arange(len(strain)), side="right")]
+    memory = left[last]
     memory[rows] = inside
     return np.asarray(memory)
 
@@ -123,13 +128,20 @@ def pressed_samples(data: ChannelData) -> BoolArray:
 @cache_by_array
 def _press_clock(
     time_s: FloatArray, run: IntArray, pressed: BoolArray, ratio: float
-) -> tuple[IntArray, FloatArray, IntArray]:
-    """Return the rows (p,) in contact, their times [s] with slower time in free air, and their contacts."""
-    number = number_stretches(pressed, run)
-    steps_s, inside = np.diff(time_s, prepend=time_s[:1]), np.diff(number, prepend=-1) == 0
-    rows = np.flatnonzero(pressed)
-    clock_s = np.cumsum(np.where(inside & pressed, steps_s, ratio * steps_s))[rows]
-    results = rows, clock_s, number[rows]
+) -> tuple[IntArray, IntArray, FloatArray, IntArray]:
+    """Order the samples in contact by time, and let time pass more slowly in free air.
+
+    Returns:
+        Rows in contact (p,), their number up to each sample (n,), and their times [s] and contacts (p,).
+    """
+    order = np.concatenate([np.arange(rows.start, rows.stop) for rows in runs_by_time(time_s, run)])
+    held, number = pressed[order], number_stretches(pressed[order], run[order])
+    steps_s = np.diff(time_s[order], prepend=time_s[order[:1]])
+    inside = held & (np.diff(number, prepend=-1) == 0)
+    clock_s = np.cumsum(np.where(inside, steps_s, ratio * steps_s))[held]
+    last = np.empty_like(order)
+    last[order] = np.cumsum(held)
+    results = order[held], last, clock_s, number[held]
     for result in results:
         result.setflags(write=False)  # others are cached by it
     return results

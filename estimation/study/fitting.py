@@ -58,7 +58,8 @@ def fit_base(data: ChannelData, model: Model, full_data: ChannelData | None = No
 _RELAXING_RATIO = 0.9  # ratio of held-out errors below which an object relaxes
 _RECOVERED_RATIO = 0.9  # the same below which it is taken to recover between runs
 _WORSE_RATIO = 1.05  # the same above which it is not, whatever the flexible laws show
-_REPEATS = 8  # fits in which the ratio of a recovery and the shares of the object's branches converge
+_REPEATS = 8  # most fits until the ratio of a recovery agrees with the shares of the object's branches
+_CONVERGED = 1e-3  # relative change of this ratio at which they agree
 _SMALLEST_RATIO = 0.01
 
 
@@ -99,10 +100,7 @@ def recovery(data: ChannelData) -> tuple[bool, float]:
             squares = [law.mean_square(OBJECT_KINDS) for law in laws]
             if squares[1] < _RECOVERED_RATIO**2 * squares[0]:
                 return True, 1.0
-        ratio = 1.0
-        if np.all(np.diff(data.time_s) >= 0.0):
-            ratio = _free_surface_ratio(continued, hardening, fits[0])
-        return False, ratio
+        return False, _free_surface_ratio(continued, hardening, fits[0])
 
 
 def _free_surface_ratio(data: ChannelData, base: Model, held: FitResult) -> float:
@@ -120,7 +118,11 @@ def _free_surface_ratio(data: ChannelData, base: Model, held: FitResult) -> floa
         free_data = replace(data, recovery_ratio=ratio)
         free = fit_model(free_data, held.model, free.values, good)
         stiffness, relaxing = free.values["stiffness.k"], free.values["stress_relaxation.k1"]
-        ratio = max(stiffness / max(stiffness + relaxing, 1e-300), _SMALLEST_RATIO)
+        # The mean also converges where the object hardly recovers and the fits would alternate.
+        before, ratio = ratio, 0.5 * (ratio + stiffness / max(stiffness + relaxing, 1e-300))
+        ratio = max(ratio, _SMALLEST_RATIO)
+        if abs(ratio - before) < _CONVERGED * ratio:
+            break
     if free.rmse < limit:
         return ratio
     # An object with two branches is one whose surface is free if this is so for two branches.

@@ -12,7 +12,10 @@ from palpate.estimation.data.file_columns import FileColumns
 from palpate.estimation.data.import_file import import_table
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import table_of
+from palpate.estimation.effects.time_memory import RelaxationSpectrum
 from palpate.estimation.signals.blocks import since_start
+from palpate.estimation.signals.contact_memory import free_surface_memory, remaining_strain
+from palpate.estimation.signals.exponential_memory import relax
 from palpate.estimation.study import ModelStudy
 from palpate.estimation.study.fitting import recovery
 from tests.estimation.presses import RATE_HZ, kelvin_voigt, maxwell, session
@@ -101,3 +104,46 @@ def test_relaxation_is_estimated_although_the_free_surface_has_not_recovered(eff
     values = study.fit("contact", [effect]).values
     assert {name: values[name] for name in truth} == pytest.approx(truth, rel=0.02)
     assert "surface moves freely" in " ".join(study.notes)
+
+
+def test_recovery_of_an_object_with_little_lasting_stiffness():
+    data = session(63, partial(free_surface, k=100.0, branches=[(500.0, 1.0)]))
+    assert recovery(data) == (False, pytest.approx(100.0 / 600.0, rel=0.01))
+
+
+RATES, SHARES = np.array([5.0, 0.5]), np.array([0.4, 0.3])
+
+
+@pytest.mark.parametrize(
+    "memory",
+    [
+        lambda strain, data: free_surface_memory(strain, data, RATES, SHARES),
+        lambda strain, data: remaining_strain(
+            partial(relax, tau_s=1.0), strain, data.time_s, data.run, data, data.engaged
+        ),
+    ],
+)
+def test_memory_of_a_free_surface_depends_on_times_and_not_on_the_order_of_runs(memory):
+    data = session(61)
+    data = replace(data.select(data.engaged), recovery_ratio=0.4)
+    strain, order = data.position[:, None], np.argsort(-data.run, kind="stable")
+    assert memory(strain[order], data.select(order)) == pytest.approx(memory(strain, data)[order])
+    separate = replace(data, time_s=since_start(data.time_s, data.run))
+    last = data.run == data.runs[-1]
+    assert memory(strain, separate)[last] == pytest.approx(memory(strain[last], data.select(last)))
+
+
+def test_an_unstable_free_surface_does_not_overflow_in_a_long_pause():
+    data = replace(session(61), recovery_ratio=0.4)
+    data = replace(data, time_s=data.time_s + 1e5 * data.run)
+    memory = free_surface_memory(np.maximum(data.position, 0.0)[:, None], data, RATES, 2.0 * SHARES)
+    assert np.all(np.abs(memory) < 10.0 * data.deepest)
+
+
+def test_runs_that_begin_relaxed_keep_their_form_with_a_free_surface():
+    data = session(61)
+    data = replace(data.select(data.position > 0.6 * data.deepest), recovery_ratio=0.4)
+    _, relaxed = RelaxationSpectrum().suited_to(data).forms()
+    inner = dict(zip(("fast", "slow"), SHARES, strict=True)) | {"fast_time": 0.2, "slow_time": 2.0}
+    held = np.ones((len(data), 1))
+    assert relaxed.fade(held, data, inner) == pytest.approx(held * (1.0 - SHARES.sum()))
