@@ -70,7 +70,7 @@ def recovery(data: ChannelData) -> tuple[bool, float]:
     Without the memory of earlier runs, the flexible laws of the object's kinds then predict held-out runs
     better. A cubic spring with one relaxation must not predict them worse, since few runs allow a chance
     result. Otherwise, the surface is taken to be free between contacts if this lowers the held-out error of
-    this model, or of one with two branches.
+    this model, or of one with two branches, and of the flexible laws.
 
     Args:
         data: a contact channel; the results are False and 1 for other channels, and for runs without a common
@@ -95,12 +95,18 @@ def recovery(data: ChannelData) -> tuple[bool, float]:
         errors = [fit.rmse for fit in fits]
         if min(errors) > _RELAXING_RATIO * fit_model(continued, hardening, {}, good).rmse:
             return False, 1.0
-        if len(data.runs) > 1 and errors[1] < _WORSE_RATIO * errors[0]:
-            laws = (error_of_kinds(fit_model(each, spring, {}, good)) for each in (continued, recovered))
-            squares = [law.mean_square(OBJECT_KINDS) for law in laws]
-            if squares[1] < _RECOVERED_RATIO**2 * squares[0]:
-                return True, 1.0
-        return False, _free_surface_ratio(continued, hardening, fits[0])
+
+        def improves(other: ChannelData) -> bool:
+            """Return whether the flexible laws of the object predict held-out runs better."""
+            laws = (error_of_kinds(fit_model(each, spring, {}, good)) for each in (continued, other))
+            before, after = (law.mean_square(OBJECT_KINDS) for law in laws)
+            return bool(after < _RECOVERED_RATIO**2 * before)
+
+        if len(data.runs) > 1 and errors[1] < _WORSE_RATIO * errors[0] and improves(recovered):
+            return True, 1.0
+        ratio = _free_surface_ratio(continued, hardening, fits[0])
+        is_free = ratio != 1.0 and improves(replace(continued, recovery_ratio=ratio))
+        return False, ratio if is_free else 1.0
 
 
 def _free_surface_ratio(data: ChannelData, base: Model, held: FitResult) -> float:
