@@ -58,9 +58,10 @@ def fit_base(data: ChannelData, model: Model, full_data: ChannelData | None = No
 _RELAXING_RATIO = 0.9  # ratio of held-out errors below which an object relaxes
 _RECOVERED_RATIO = 0.9  # the same below which it is taken to recover between runs
 _WORSE_RATIO = 1.05  # the same above which it is not, whatever the flexible laws show
-_REPEATS = 8  # most fits until the ratio of a recovery agrees with the shares of the object's branches
+_REPEATS = 20  # most fits until the ratio of a recovery agrees with the shares of the object's branches
 _CONVERGED = 1e-3  # relative change of this ratio at which they agree
 _SMALLEST_RATIO = 0.01
+_FIRST_RATIO = 0.5  # from which the search starts, and with which an object is tested for relaxation
 
 
 def recovery(data: ChannelData) -> tuple[bool, float]:
@@ -90,8 +91,9 @@ def recovery(data: ChannelData) -> tuple[bool, float]:
     hardening = spring.with_effect(CubicStiffness())
     relaxing = hardening.with_effect(StressRelaxation())
     continued, recovered = (replace(data, recovers=each) for each in (False, True))
+    free = replace(continued, recovery_ratio=_FIRST_RATIO)
     with single_threaded():
-        fits = [fit_model(each, relaxing, {}, good) for each in (continued, recovered)]
+        fits = [fit_model(each, relaxing, {}, good) for each in (continued, recovered, free)]
         errors = [fit.rmse for fit in fits]
         if min(errors) > _RELAXING_RATIO * fit_model(continued, hardening, {}, good).rmse:
             return False, 1.0
@@ -104,12 +106,12 @@ def recovery(data: ChannelData) -> tuple[bool, float]:
 
         if len(data.runs) > 1 and errors[1] < _WORSE_RATIO * errors[0] and improves(recovered):
             return True, 1.0
-        ratio = _free_surface_ratio(continued, hardening, fits[0])
+        ratio = _free_surface_ratio(continued, hardening, fits[0], fits[2])
         is_free = ratio != 1.0 and improves(replace(continued, recovery_ratio=ratio))
         return False, ratio if is_free else 1.0
 
 
-def _free_surface_ratio(data: ChannelData, base: Model, held: FitResult) -> float:
+def _free_surface_ratio(data: ChannelData, base: Model, held: FitResult, free: FitResult) -> float:
     """Return `ChannelData.recovery_ratio` of a free surface, or 1 if that predicts held-out runs no better.
 
     A free surface adds no parameter, since the shares of the relaxing branches determine the ratio.
@@ -118,17 +120,17 @@ def _free_surface_ratio(data: ChannelData, base: Model, held: FitResult) -> floa
         data: a contact channel with one clock for all runs.
         base: a model without relaxation.
         held: fit of the base model and `stress_relaxation`, with the surface held in free air.
+        free: the same with the ratio `_FIRST_RATIO`.
     """
-    good, free, ratio, limit = usable(data), held, 0.5, _RECOVERED_RATIO * held.rmse
+    good, ratio, limit = usable(data), _FIRST_RATIO, _RECOVERED_RATIO * held.rmse
     for _ in range(_REPEATS):
-        free_data = replace(data, recovery_ratio=ratio)
-        free = fit_model(free_data, held.model, free.values, good)
         stiffness, relaxing = free.values["stiffness.k"], free.values["stress_relaxation.k1"]
         # The mean also converges where the object hardly recovers and the fits would alternate.
         before, ratio = ratio, 0.5 * (ratio + stiffness / max(stiffness + relaxing, 1e-300))
         ratio = max(ratio, _SMALLEST_RATIO)
         if abs(ratio - before) < _CONVERGED * ratio:
             break
+        free = fit_model(replace(data, recovery_ratio=ratio), held.model, free.values, good)
     if free.rmse < limit:
         return ratio
     # An object with two branches is one whose surface is free if this is so for two branches.
@@ -136,6 +138,7 @@ def _free_surface_ratio(data: ChannelData, base: Model, held: FitResult) -> floa
     start = {"fast": share, "slow": share, "fast_time": 0.2 * tau_s, "slow_time": 2.0 * tau_s}
     named = {f"relaxation_spectrum.{name}": value for name, value in start.items()}
     spectrum = base.with_effect(RelaxationSpectrum())
+    free_data = replace(data, recovery_ratio=ratio)
     held, free = (fit_model(each, spectrum, named, good) for each in (data, free_data))
     if free.rmse > min(limit, _RECOVERED_RATIO * held.rmse):
         return 1.0

@@ -106,9 +106,11 @@ def test_relaxation_is_estimated_although_the_free_surface_has_not_recovered(eff
     assert "surface moves freely" in " ".join(study.notes)
 
 
-def test_recovery_of_an_object_with_little_lasting_stiffness():
-    data = session(63, partial(free_surface, k=100.0, branches=[(500.0, 1.0)]))
-    assert recovery(data) == (False, pytest.approx(100.0 / 600.0, rel=0.01))
+@pytest.mark.parametrize("k", [50.0, 100.0])
+def test_recovery_of_an_object_with_little_lasting_stiffness(k):
+    """With a held surface, relaxation of the first does not lower the held-out error enough."""
+    data = session(63, partial(free_surface, k=k, branches=[(500.0, 1.0)]))
+    assert recovery(data) == (False, pytest.approx(k / (k + 500.0), rel=0.015))
 
 
 RATES, SHARES = np.array([5.0, 0.5]), np.array([0.4, 0.3])
