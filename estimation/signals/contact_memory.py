@@ -49,9 +49,9 @@ def free_surface_memory(
     """Return the sum of relaxing branches of an elastic force whose free surface recovers between contacts.
 
     The force is F = (1 - sum f_i) E + sum f_i Z_i with Z_i' = E' - Z_i r_i. It is zero in free air, where E
-    therefore follows the branches: W_i = Z_i - E obeys W_i' = -r_i (W_i - sum f_j W_j). (The tip leaves the
-    surface before it reaches its undeformed position: T. C. T. Ting, J. Appl. Mech. 33 (1966).) A single
-    branch with time constant tau recovers with tau / (1 - f).
+    therefore follows the branches: W_i = Z_i - E obeys W_i' = -r_i (W_i - sum f_j W_j). A single branch with
+    the time constant tau recovers with tau / (1 - f). The tip leaves the surface before it reaches the
+    undeformed position of the surface (T. C. T. Ting, J. Appl. Mech. 33 (1966)).
 
     Args:
         strain: elastic force E while the object is pressed, shape (n, k).

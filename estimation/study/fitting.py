@@ -133,7 +133,7 @@ def _free_surface_ratio(data: ChannelData, base: Model, held: FitResult, free: F
         free = fit_model(replace(data, recovery_ratio=ratio), held.model, free.values, good)
     if free.rmse < limit:
         return ratio
-    # An object with two branches is one whose surface is free if this is so for two branches.
+    # A second branch may cause more error than a held surface, so both are compared with two branches too.
     share, tau_s = 0.5 * (1.0 - ratio), free.values["stress_relaxation.tau"]
     start = {"fast": share, "slow": share, "fast_time": 0.2 * tau_s, "slow_time": 2.0 * tau_s}
     named = {f"relaxation_spectrum.{name}": value for name, value in start.items()}
