@@ -87,7 +87,8 @@ def recovery(data: ChannelData) -> tuple[bool, float]:
     )
     if not has_memory or reject_reason(data):
         return False, 1.0
-    spring, good = MODELS["kelvin_voigt"]().build(ModelContext()), usable(data)
+    context = ModelContext(surface_found=data.surface is not None)
+    spring, good = MODELS["kelvin_voigt"]().build(context), usable(data)
     hardening = spring.with_effect(CubicStiffness())
     relaxing = hardening.with_effect(StressRelaxation())
     continued, recovered = (replace(data, recovers=each) for each in (False, True))

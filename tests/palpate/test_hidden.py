@@ -8,13 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from palpate.control.probing.plan import ProbingPlan
+from palpate.estimation.study import ModelStudy
 from palpate.estimation.study.source import open_source
 from palpate.robot_io.calibration.applied import Calibrations
 from palpate.robot_io.errors import SessionError
 from palpate.robot_io.session import Session
 from palpate.runs.hidden_effects import SEAL, command_line, hide
 from palpate.runs.probing import ProbingJob, run_probing
-from palpate.runs.robots import find_robot
+from palpate.runs.robots import DEFAULT, find_robot
 from palpate.runs.session import ArmJob, arm_session
 from palpate.sim_backend.hidden import SealedAnswer, draw_hidden, noise_scale, seal, sealed_path, unseal
 from palpate.sim_backend.imperfection import IMPERFECTIONS, parse_imperfection
@@ -218,3 +220,12 @@ def test_lagging_force_sensor_is_identified_from_a_joint(tmp_path, monkeypatch):
     assert [one.effect for one in found.accepted] == ["force_sensor_error"]
     assert found.final.rmse < 0.3 * found.baseline.rmse
     assert found.remaining.depends_on == []
+
+
+def test_error_of_the_surface_is_not_taken_for_a_free_surface(tmp_path):
+    """In the simulator, the strain is zero in free air; the surface is found with an error of 0.5 mm."""
+    hidden = IMPERFECTIONS["stress_relaxation"](stiffness_n_m=517.0, time_s=0.093)
+    path, world = tmp_path / "relaxing.mcap", Scenario().with_hidden([hidden])
+    run_probing(ProbingJob(find_robot(DEFAULT), path, ProbingPlan(), scenario=world, seed=1, online=None))
+    (contact,) = [channel for channel in ModelStudy(path).channels if channel.name == "contact"]
+    assert (contact.data.recovers, contact.data.recovery_ratio) == (False, 1.0)
