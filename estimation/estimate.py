@@ -165,13 +165,13 @@ class TableTuple(tuple[_Result, ...]):
 
 
 def rounded(value: float, digits: int = 3) -> str:
-    """Format a value with some significant digits, and without an exponent from 1 to a million.
+    """Format a value with significant digits, zeros included; from 1 to a million without an exponent.
 
     Args:
         value: the value.
         digits: number of significant digits.
     """
-    text = f"{value:.{digits}g}"
+    text = f"{value:#.{digits}g}".rstrip(".") if value else "0"
     return text if "e+" not in text or abs(value) >= _LARGE else f"{float(text):.0f}"
 
 

@@ -243,7 +243,7 @@ class Comparison(TableDisplay):
 
     def _table(self) -> DisplayTable:
         rows = [
-            (by, part.label, f"{part.rmse:.3g}", f"{part.mean:+.2g}", f"{part.excess:.1f}")
+            (by, part.label, rounded(part.rmse), f"{part.mean:+.2g}", f"{part.excess:.1f}")
             for by, parts in self.parts.items()
             for part in parts
         ]

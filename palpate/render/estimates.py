@@ -148,7 +148,7 @@ def _one_row_an_estimator(estimates: ChannelEstimates, truth: Truth, width: int)
             cells += [_value_text(p), _error_text(p, truth)] if p.name in erring else [_value_text(p)]
         if width >= _WIDE:
             used = f"{_TO_PERCENT * np.mean(estimate.inliers):.0f} %"
-            cells += [f"{estimate.rmse:.3g}", f"{estimate.condition_number:.2f}", used]
+            cells += [rounded(estimate.rmse), f"{estimate.condition_number:.2f}", used]
         names: dict[str, list[str]] = {}
         for p in _shown_parameters(estimate):
             names.setdefault(_state(estimate, p), []).append(_short_name(p.name))

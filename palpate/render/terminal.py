@@ -24,7 +24,7 @@ from palpate.common.console import (
 )
 from palpate.estimation.diagnosis.forms import Form
 from palpate.estimation.effects.contact_geometry import ContactOffset
-from palpate.estimation.estimate import ParameterEstimate, with_unit
+from palpate.estimation.estimate import ParameterEstimate, rounded, with_unit
 from palpate.estimation.study import Revision
 from palpate.estimation.study.comparison import FAR
 from palpate.render.view import (
@@ -79,7 +79,7 @@ def print_diagnosis(console: Console, view: StudyView) -> None:
             made = table("", "base model and one effect", error, falls, "", right=(error, falls))
             for rank in channel.ranking[:_MOST_RANKED]:
                 bar, share = _bar(rank.score, "blue", width), f"{100 * rank.score:z.0f} %"
-                made.add_row(safe(rank.effect), f"{rank.rmse_held_out:.4g}", share, bar)
+                made.add_row(safe(rank.effect), rounded(rank.rmse_held_out, 4), share, bar)
             parts.append(made)
         if channel.next_experiment is not None:
             plan = channel.next_experiment
@@ -215,8 +215,8 @@ def _error_steps_table(channel: ChannelView, width: int, *, narrow: bool = False
         chance = [evidence.get(label, "")] * len(last)
         shown_revision = revisions[row : row + len(number)]
         ratio = channel.times_noise_text(value)
-        made.add_row(*shown_revision, name, f"{value:.4g}", ratio, *bar, *chance)
-    level = f"[dim]{channel.noise_level:.4g}[/dim]"
+        made.add_row(*shown_revision, name, rounded(value, 4), ratio, *bar, *chance)
+    level = f"[dim]{rounded(channel.noise_level, 4)}[/dim]"
     bar = [_bar(channel.noise_level / worst, "bright_black", width)] * (not narrow)
     made.add_row(*[""] * len(number), f"[dim]{channel.noise_label}[/dim]", level, "", *bar)
     return made if narrow or natural_width(made) <= width else _error_steps_table(channel, width, narrow=True)
@@ -284,7 +284,7 @@ def _parts_table(channel: ChannelView, width: int, *, narrow: bool = False) -> T
             place = (f"  {label}",) if narrow else (heading if row == 0 else "", label)
             bar = () if narrow else (_bar(part.rmse / most, _grade(times), width),)
             ratio = channel.times_noise_text(part.rmse, 1)
-            cells = (*place, f"{part.rmse:.3g}", f"{part.mean:+.2g}", ratio, *bar)
+            cells = (*place, rounded(part.rmse), f"{part.mean:+.2g}", ratio, *bar)
             made.add_row(*cells, end_section=row == len(parts) - 1)
     return made if narrow or natural_width(made) <= width else _parts_table(channel, width, narrow=True)
 

@@ -154,7 +154,7 @@ def test_recorded_column_that_explains_the_error_is_named(tmp_path):
     plain = write_presses(tmp_path / "warm.csv", cubic=0, speeds_m_s=(0.05, 0.06, 0.1, 0.07, 0.08, 0.09))
     warm = rewritten(plain, "warmth", [21.0, 29.0, 23.0, 27.0, 25.0, 22.0], soften)
     blamed = run("diagnose", warm, "--context", "warmth")
-    assert blamed.stdout.startswith("contact  Of the 0.17 N error: recorded context 98 %")
+    assert blamed.stdout.startswith("contact  Of the 0.170 N error: recorded context 98 %")
     assert "\nMISSING  contact: recorded_dependence" in blamed.stdout
     assert "change_warmth" in blamed.stdout
 

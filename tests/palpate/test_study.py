@@ -193,7 +193,7 @@ def test_curve_lies_below_or_above_its_straight_line_at_half_depth(tmp_path, cub
     study = Study(write_presses(tmp_path / "press.csv", cubic=cubic), model="kelvin_voigt", keep=False)
     compared = study.compare()["contact"]
     (words,) = (words for words in compared.words if words.startswith("By depth"))
-    assert "N (0.005 to 0.0075 m)" in words
+    assert "N (0.00500 to 0.00750 m)" in words
     assert words.endswith(f"N {side} the model on average.")
     for parts in (compared.parts["run"], compared.parts["phase"], compared.parts["direction"]):
         assert sum(part.energy for part in parts) == pytest.approx(1.0)

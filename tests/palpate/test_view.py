@@ -45,7 +45,7 @@ ONE, TWO = accepted("bias", 0.5, 0.2), accepted("lag", 0.2, 0.1, "delay", "dampi
     [
         (
             diagnosis("adequate", after=0.102),
-            ("show no missing effect", "runs is 0.102 N (noise 0.1 N, from free air)"),
+            ("show no missing effect", "runs is 0.102 N (noise 0.100 N, from free air)"),
             (),
         ),
         (diagnosis("insufficient", reason="only one run"), ("possible: only one run.",), ("error",)),
@@ -61,7 +61,7 @@ ONE, TWO = accepted("bias", 0.5, 0.2), accepted("lag", 0.2, 0.1, "delay", "dampi
         (diagnosis("insufficient", reason="which?"), ("possible: which?",), ("?.",)),
         (
             diagnosis("missing", ONE, TWO),
-            ("bias and lag (or delay or damping) are missing", "With them", "falls from 0.5 to 0.1 N"),
+            ("bias and lag (or delay or damping) are missing", "With them", "falls from 0.500 to 0.100 N"),
             ("error remains",),
         ),
         (diagnosis("missing", ONE, after=0.2), ("bias is missing", "With it"), ("are missing",)),
@@ -69,7 +69,7 @@ ONE, TWO = accepted("bias", 0.5, 0.2), accepted("lag", 0.2, 0.1, "delay", "dampi
         (diagnosis("missing", ONE, after=0.495, means=(0.4, 0.399)), ("stays at 0.495 N",), ("falls",)),
         (
             diagnosis("missing", ONE, after=0.495, means=(0.4, 0.1)),
-            ("stays at 0.495 N", "Averaged over 10 samples", "it falls from 0.4 to 0.1 N"),
+            ("stays at 0.495 N", "Averaged over 10 samples", "it falls from 0.400 to 0.100 N"),
             (),
         ),
         (
@@ -89,7 +89,7 @@ def test_verdict_is_one_sentence(found, words, absent):
 @pytest.mark.parametrize(
     ("complete", "at_most", "times", "words"),
     [
-        (True, False, 1.2, "(noise 0.1 N, from free air)."),
+        (True, False, 1.2, "(noise 0.100 N, from free air)."),
         (True, False, 1.8, "The remaining error, 1.8 times the noise, depends on no recorded signal."),
         (False, False, 1.8, "An unexplained error of 1.8 times the noise remains and depends on a."),
         (False, False, 361.9, "An unexplained error of 360 times the noise remains and depends on a."),
@@ -112,10 +112,10 @@ def test_accepted_effect_is_named_for_complete_and_incomplete_models(complete, a
     ("errors", "is_bound", "words"),
     [
         ((0.0871, 0.01035, 0.01035), False, "second, does next to nothing: from 0.01035 to 0.01035 N."),
-        ((0.0871, 0.01035, 0.02), False, "last step, second, makes it worse: from 0.01035 to 0.02 N."),
+        ((0.0871, 0.01035, 0.02), False, "last step, second, makes it worse: from 0.01035 to 0.02000 N."),
         ((0.0871, 0.05, 0.01), False, "down to the noise."),
         ((0.0871, 0.03), False, "3.0 times the noise."),
-        ((0.0871, 0.0870), False, "does not fall: from 0.0871 to 0.087 N."),
+        ((0.0871, 0.0870), False, "does not fall: from 0.0871 to 0.0870 N."),
         ((0.3, 0.01), True, "to what may be noise."),
         ((0.3, 0.02), True, "to at least 2.0 times the noise."),
     ],

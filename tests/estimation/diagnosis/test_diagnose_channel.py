@@ -32,13 +32,13 @@ module = import_module(
 @pytest.mark.parametrize(
     ("levels", "rmse", "said"),
     [
-        (np.arange(4) * 0.5, 0.3, "the effort has only 4 different readings, 0.5 N m apart, and the model"),
+        (np.arange(4) * 0.5, 0.3, "the effort has only 4 different readings, 0.500 N m apart, and the model"),
         (np.arange(4) * 0.5, 0.5, None),  # a step or more
         (np.arange(12) * 0.5, 0.3, "only 12 different readings"),
         (np.arange(13) * 0.5, 0.3, None),  # it crosses so many that they average out
         (np.arange(2) * 0.5, 0.3, "only 2 different readings"),
         (np.zeros(1), -1.0, None),
-        (np.array([0.0, 0.1, 0.2, 5.0]), 0.05, "0.1 N m apart"),
+        (np.array([0.0, 0.1, 0.2, 5.0]), 0.05, "0.100 N m apart"),
     ],
 )
 def test_few_readings_determine_nothing_below_their_spacing(levels, rmse, said):

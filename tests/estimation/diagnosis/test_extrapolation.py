@@ -27,7 +27,7 @@ def test_error_at_depths_of_a_single_run_is_reported(deepest_m, deep):
     assert found.run == deep
     assert found.share > 0.7
     limit_mm = 1e3 * sorted(deepest_m)[1] + 0.1  # where `swing` begins
-    assert f"run {deep}, at depths of more than {limit_mm:.3g} mm" in found.describe("squared error")
+    assert f"run {deep}, at depths of more than {limit_mm:.2f} mm" in found.describe("squared error")
 
 
 @pytest.mark.parametrize("deepest_m", [(0.012, 0.012, 0.007), (0.012, 0.0119, 0.0121), (0.012,)])

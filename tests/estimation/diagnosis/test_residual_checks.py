@@ -413,7 +413,7 @@ def test_residual_in_motion_is_compared_with_rest(creak_nm, is_noise):
     found, told = excess(data, fit), objection(data, fit)
     assert (found is None) is is_noise
     assert (told is None) is is_noise
-    assert is_noise or (f"in motion, {found.acting:.3g} N m" in told.reason and "at rest" in told.reason)
+    assert is_noise or (f"in motion, {found.acting:#.3g} N m" in told.reason and "at rest" in told.reason)
 
 
 @pytest.mark.parametrize(
@@ -473,9 +473,11 @@ def test_runs_are_checked_before_the_residual_in_contact(
     found = check_residuals(end, None, None, complete=complete)
     assert (found and found.depends_on) == depends_on
     if depends_on == "run":
-        assert found.reason.startswith("the runs do not follow one law: run 2 is off by 2 N m when")
+        assert found.reason.startswith("the runs do not follow one law: run 2 is off by 2.00 N m when")
     if depends_on == "time":
-        assert "1 N m, is 10 times the noise at rest and does not look like noise; no signal" in found.reason
+        assert (
+            "1.00 N m, is 10 times the noise at rest and does not look like noise; no signal" in found.reason
+        )
 
 
 @pytest.mark.parametrize(
@@ -519,7 +521,7 @@ def test_dominant_oscillation_is_named_unless_it_is_noise(air, share, times, tol
     swung = residual_checks._oscillation(end)
     assert (swung is not None) is told
     if told:
-        assert f"7 Hz with {share**0.5 * end.rmse:.3g} N" in swung.reason
+        assert f"7 Hz with {share**0.5 * end.rmse:#.3g} N" in swung.reason
 
 
 @pytest.mark.parametrize(

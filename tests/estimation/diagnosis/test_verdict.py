@@ -120,7 +120,7 @@ def test_no_experiment_is_proposed_without_remaining_error(known):
         (
             4.0,
             0.02,
-            "the remaining error, 4 times the noise, depends on no recorded signal",
+            "the remaining error, 4.0 times the noise, depends on no recorded signal",
             Form.APPROXIMATE,
         ),
         (4.0, None, "only noise is left", Form.EXACT),  # a bound, but neighboring residuals show the noise
@@ -154,14 +154,14 @@ def test_interval_is_stated_or_why_there_is_none(known, words):
 @pytest.mark.parametrize(
     ("share", "causes_n", "cause"),
     [
-        (0.5, (0.1, 0.2), "rounding of the encoders, up to 0.1 N, may cause the 0.05 N"),
-        (0.5, (0.01, 0.2), "smoothing of the motion, up to 0.2 N, may cause the 0.05 N"),
+        (0.5, (0.1, 0.2), "rounding of the encoders, up to 0.100 N, may cause the 0.0500 N"),
+        (0.5, (0.01, 0.2), "smoothing of the motion, up to 0.200 N, may cause the 0.0500 N"),
         (0.5, (0.01, 0.02), ""),
         (0.0, (0.1, 0.2), ""),
         (
             0.0,
             (0.01, 0.8),
-            "smoothing of the motion causes errors of up to 0.8 N, which may be most of the error",
+            "smoothing of the motion causes errors of up to 0.800 N, which may be most of the error",
         ),
     ],
 )
@@ -230,7 +230,7 @@ def test_report_states_the_amplitude_of_sensor_hum(hum_n):
     search = searched(data, "cubic_stiffness")
     told = decide_verdict(Evidence(search, measured(search), search.start, True, None))
     assert told.verdict is Verdict.ADEQUATE
-    found = re.search(r"; 0.3 N of the noise oscillates at (\S+) Hz, also in free air", told.reason)
+    found = re.search(r"; 0.300 N of the noise oscillates at (\S+) Hz, also in free air", told.reason)
     assert (float(found[1]) if found else None) == (pytest.approx(7.3, abs=0.05) if hum_n else None)
 
 

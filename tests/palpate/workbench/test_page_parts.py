@@ -52,10 +52,10 @@ def test_waterfall_has_a_bar_for_each_stage_and_a_line_at_the_noise():
     assert re.findall(r"<em>(.*?)</em>", html) == ["", " −75 %", "", ""]  # no fall below 0.5 %
     assert re.findall(r'<i class="(.*?)"', html) == ["base", "", "", ""]
     assert "a&lt;b" in html
-    assert "noise 0.1 N, from free air" in html
+    assert "noise 0.100 N, from free air" in html
     bound = waterfall((("a", 0.0),), noise_of(9.0, is_bound=True), "N")
     assert 'left:100.0%"' in bound
-    assert "noise at most 9 N, from free air" in bound
+    assert "noise at most 9.00 N, from free air" in bound
 
 
 @pytest.mark.parametrize(
@@ -63,7 +63,7 @@ def test_waterfall_has_a_bar_for_each_stage_and_a_line_at_the_noise():
     [
         (1.0, 0.99, 1.0, (), "at the noise level", True),
         (1.0, 0.99, 1.0, ("damping.c would be below 0",), "at the noise level", False),
-        (1.0, 0.5, 0.99, (), "a flexible regression reaches 0.5 N", False),
+        (1.0, 0.5, 0.99, (), "a flexible regression reaches 0.500 N", False),
         (1.0, 0.5, 0.4, (), "2.5 × noise level", False),
         (1.0, 1.0, 0.0, (), "inf × noise level", False),
     ],
@@ -92,7 +92,7 @@ def test_error_fits_if_neither_noise_nor_a_flexible_regression_is_below(
     card.preview(of, 3.0)
     assert shown["wrong"] == ""
     assert "moved sliders" in shown["fall"]
-    assert '<span class="value">3 N<em>' in shown["fall"]
+    assert '<span class="value">3.00 N<em>' in shown["fall"]
     card.show(of)  # known already
     assert shown == judged
     of.noise = noise_of(noise, is_bound=True)
