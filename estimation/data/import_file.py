@@ -64,7 +64,8 @@ _SPECIMENS_NOTE = (
 _SAME_RATIO = 0.05  # largest relative deviation of a wrong unit from a known one
 _MOTOR_WORDS, _JOINT_WORDS = frozenset(["motor", "rotor"]), frozenset(["joint", "output", "link"])
 _JOINT_KINDS = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
-_CONTRADICTING_INERTIA = 0.1  # variance that a positive inertia explains, relative to a negative damping's
+# Variance that a positive inertia or stiffness explains, relative to a negative damping's.
+_CONTRADICTING = 0.1
 # Delays of an effort that are tried in place of a reversed sign, and the largest error with such a delay,
 # relative to the error without one.
 _LONGEST_DELAY_S, _DELAYS, _MUCH_BETTER = 0.3, 12, 0.5
@@ -510,8 +511,11 @@ def _passive_power(channel: ChannelData) -> float:
     is set to zero (uncertain sign) if the fitted damping is negative, but the fitted inertia is positive and
     explains more than a small share of what the damping explains. The effort is then early or late, or a gap
     delays it. If an earlier effort is explained much better, the inertia and damping of this effort count.
+    A positive stiffness of a linear axis contradicts as well, since gravity is constant there: the delayed
+    effort of a spring is like a negative damping.
 
-    Source: J. C. Willems, Arch. Rational Mech. Anal. 45 (1972), dissipative systems.
+    Sources: J. C. Willems, Arch. Rational Mech. Anal. 45 (1972), dissipative systems; J. E. Colgate, G. G.
+    Schenkel, J. Robot. Syst. 14 (1997), delayed springs.
     """
     place = channel.position - channel.position.mean()
     law = scipy.linalg.orth(np.vander(place / (float(np.ptp(place)) or 1.0), 4))
@@ -530,12 +534,19 @@ def _passive_power(channel: ChannelData) -> float:
 
     effort = beside_position(channel.effort)
     damping, inertia, error = fit(effort)
+    if damping < 0.0 and channel.kind is ChannelKind.PRISMATIC:
+        constant = np.ones(len(channel))
+        others = scipy.linalg.orth(np.column_stack([constant, channel.velocity, channel.acceleration]))
+        beside_motion = place - others @ (others.T @ place)
+        stiffness = float(beside_motion @ channel.effort) / float(np.linalg.norm(beside_motion) or 1.0)
+        if stiffness > 0.0 and stiffness**2 > _CONTRADICTING * damping**2 * len(channel):
+            return 0.0
     if damping < 0.0:
         step_s, best = sample_time(channel.time_s, channel.run), (damping, inertia, _MUCH_BETTER * error)
         for delay_s in np.geomspace(step_s, max(_LONGEST_DELAY_S, step_s), _DELAYS).tolist():
             earlier = shift(channel.effort, channel.time_s, channel.run, -delay_s)
             best = min(best, fit(beside_position(earlier)), key=lambda fitted: fitted[2])
-        if best[1] > 0.0 and (best[0] > 0.0 or best[1] ** 2 > _CONTRADICTING_INERTIA * best[0] ** 2):
+        if best[1] > 0.0 and (best[0] > 0.0 or best[1] ** 2 > _CONTRADICTING * best[0] ** 2):
             return 0.0
     without_inertia = effort - inertia / (acceleration.std() or 1.0) * acceleration
     return correlation_coefficient(velocity, without_inertia)

@@ -462,6 +462,17 @@ def test_late_weight_of_a_joint_in_ramps_is_no_reaction(tmp_path, sign, late):
     assert any("opposes" in note for note in imported.notes) is (sign < 0.0)
 
 
+@pytest.mark.parametrize(("sign", "late_s"), [(1.0, 0.2), (-1.0, 0.0)])
+def test_late_spring_of_a_linear_axis_is_no_reaction(tmp_path, sign, late_s):
+    t = np.arange(4000) * 0.005
+    x, late = (0.01 * np.minimum(s, 1.0 - np.cos(2.0 * np.maximum(s - 1.0, 0.0))) for s in (t, t - late_s))
+    force = sign * (20.0 + 500.0 * late + 50.0 * np.gradient(late, t))
+    force += np.random.default_rng(0).normal(0.0, 0.5, len(t))
+    table = {"time_s": t, "position_m": x, "force_N": force}
+    imported = import_file(write_csv(tmp_path / "axis.csv", table))
+    assert any("opposes" in note for note in imported.notes) is (sign < 0.0)
+
+
 def test_joint_with_a_clear_sign_decides_for_the_others(tmp_path):
     first, second = swung(sign=-1.0), swung(sign=-1.0, friction=0.0)
     columns = {"time_s": first["time_s"]}
