@@ -254,7 +254,7 @@ class StopTask:
         beyond_rad, reach = position - approach.stop_rad, settings.reach_rad
         if abs(beyond_rad) > reach and (at_stop or approach.side * beyond_rad > reach):
             push_nm = float(settings.push_nm[joint])
-            what = f"stands still against a push of {push_nm:.2g} N m" if at_stop else "reached no stop"
+            what = f"stopped under a push of {push_nm:.2g} N m" if at_stop else "reached no stop"
             remedy = "remove any obstacle, " if at_stop else ""
             held = "friction holds it or " if at_stop else ""
             option = "--upper-stops" if approach.side > 0 else "--lower-stops"

@@ -79,7 +79,7 @@ _SEPARATING = {
     ),
     (Kind.DRIFT, Kind.RUN_DIFFERENCES): "repeat the first run at the end",
     (Kind.CONTACT_GEOMETRY, Kind.TIME_MEMORY): (
-        "press again after a long rest: a set stays, relaxation recovers"
+        "press again after a long rest: a permanent set stays, relaxation recovers"
     ),
     (Kind.GRAVITY_LOAD, Kind.ELASTIC_SHAPE): "move over a wider range: gravity repeats once a turn",
     (Kind.GRAVITY_LOAD, Kind.SENSOR_STATICS): (

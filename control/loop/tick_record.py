@@ -74,7 +74,7 @@ _ESTIMATE_COLUMNS = (
 _DURATIONS = (
     *("time spent reading the robot", "time spent in the task", "time spent in the guard"),
     *("time spent writing the command", "time spent in the online estimator"),
-    *("time spent logging the previous tick", "woken up after the tick was due"),
+    *("time spent logging the previous tick", "how late the tick began"),
 )
 _values = attrgetter(*(attribute for attribute, *_ in _COLUMNS))
 

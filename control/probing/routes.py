@@ -137,10 +137,7 @@ class Routes:
         for number, site in enumerate(sites, 1):
             what = f"free_air_swing_m {plan.free_air_swing_m:g} m: at target {number}"
             if site.lift_room_m < plan.free_air_swing_m - _ROUNDING_M:
-                raise InputError(
-                    f"{what} the arm can be lifted by only {1e3 * site.lift_room_m:.0f} mm within its joint "
-                    f"limits; at most {site.lift_room_m:.3g} m"
-                )
+                raise InputError(f"{what} the joint limits allow a lift of at most {site.lift_room_m:.3g} m")
             low, up = self._lift_path(site, near_rad)
             _refuse_if_low(up, f"up from target {number}")
             near_rad = low.position_rad

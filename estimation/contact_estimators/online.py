@@ -38,8 +38,9 @@ class DoubleStageRls(OnlineContactLaw):
     name = "double_stage_rls"
 
     def __init__(self, forgetting: float = 0.995, exponent: float = _START_EXPONENT) -> None:
-        if not _EXPONENT_RANGE[0] <= exponent <= _EXPONENT_RANGE[1]:
-            raise InputError(f"double_stage_rls: exponent {exponent} must be within {_EXPONENT_RANGE}")
+        low, high = _EXPONENT_RANGE
+        if not low <= exponent <= high:
+            raise InputError(f"double_stage_rls: exponent {exponent} must be between {low} and {high}")
         self._gains = Ewrls(forgetting)
         self._forgetting, self._first_exponent = forgetting, exponent
         self.start()

@@ -206,9 +206,8 @@ def tilted(data: ChannelData) -> str | None:
     if data.lateral_ratio <= _MAX_LATERAL_RATIO:
         return None
     return (
-        "in every press, the tip moved across the press direction by at least "
-        f"{100.0 * data.lateral_ratio:.0f} % of its depth, but not in free air: it {SLID}, whose normal is "
-        "another direction; press along the normal (press_direction_world of the plan)"
+        f"the tip {SLID} in every press: it moved sideways by at least {100.0 * data.lateral_ratio:.0f} % of "
+        "its depth, but not in free air; press along the surface normal (press_direction_world of the plan)"
     )
 
 
@@ -364,9 +363,9 @@ def angle_in_degrees(data: ChannelData, model: Model | None) -> str | None:
             return None
     is_unclear = data.units.get("position") != "deg"
     return (
-        f"the joint turns {turns:.0f} times, and its effort does not repeat with each turn as gravity does; "
+        f"the joint turns {turns:.0f} times, but its effort does not repeat each turn, as gravity would; "
         + "if the angle is in degrees, use --unit position=deg; " * is_unclear
-        + "divide the angle of a motor by the gear ratio"
+        + "if it is the motor's angle, divide it by the gear ratio"
     )
 
 

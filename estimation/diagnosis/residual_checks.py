@@ -88,8 +88,8 @@ def check_residuals(
         return None
     if complete and (left := _error_with_own_waves(end)) is not None:
         return ResidualFinding(
-            "the error ripples over the position, with a different phase in each run: a wave fitted to each "
-            f"run would leave {with_unit(left, unit)}; begin each run at the same reference position",
+            "the error ripples with position, and its phase differs between runs: a wave fitted to each run "
+            f"would leave {with_unit(left, unit)}; start each run from the same reference position",
             "run",
         )
     if heterogeneity and _is_heterogeneous(heterogeneity, end, measurement, rng):

@@ -462,8 +462,8 @@ def _reason(
     unit, last = evidence.search.data.effort_unit, evidence.stages[-1].rmse
     if verdict is Verdict.ADEQUATE:
         explained = (
-            ", and a flexible regression explains no more of it than of the error of data simulated from the "
-            "model"
+            ", and a flexible regression explains no more of this error than it does in data simulated from "
+            "the model"
         )
         return (
             "no effect of the library lowers the error in held-out runs by more than chance"

@@ -101,7 +101,7 @@ class StressRelaxation(_Relaxation, AdditiveEffect):
         "power_law_relaxation": "hold 100 times longer: a power law keeps relaxing, one branch levels off",
         "relaxation_spectrum": "hold longer at two depths: one branch levels off, a second keeps relaxing",
         "damping": "hold: damping stops with the motion, relaxation continues",
-        "plastic_set": "wait and press again: relaxation recovers, a set stays",
+        "plastic_set": "wait and press again: relaxation recovers, a permanent set stays",
         "hysteresis": "hold: a hysteresis of the sensor does not change with time",
         "drift": "free air: drift continues there, relaxation does not",
     }
@@ -196,7 +196,7 @@ class RelaxationSpectrum(_Relaxation, MemoryEffect):
     confused_with = {
         "stress_relaxation": "hold longer at two depths: one branch levels off, a second keeps relaxing",
         "power_law_relaxation": "hold 100 times longer: a power law keeps relaxing, branches level off",
-        "plastic_set": "wait and press again: relaxation recovers, a set stays",
+        "plastic_set": "wait and press again: relaxation recovers, a permanent set stays",
         "drift": "free air: drift continues there, relaxation does not",
     }
 

@@ -212,4 +212,4 @@ def _flaws(revision: Revision, number: int) -> Iterator[str]:
             value = parameter.lower if saved_parameter is None else saved_parameter.value
             if not parameter.lower <= value <= parameter.upper:
                 bounds = f"{parameter.lower:g} to {parameter.upper:g}"
-                yield f"its parameter {name}.{parameter.name} is {value:g}, beyond {bounds}"
+                yield f"its parameter {name}.{parameter.name} is {value:g}, outside {bounds}"

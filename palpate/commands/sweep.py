@@ -49,7 +49,7 @@ def sweep_command(
     if not installed_engines() or not find_spec("pinocchio"):
         raise InputError(f"a sweep simulates arms, which needs more packages: {install_command('sweep')}")
     if plan and limit is not None:
-        raise InputError(f"--limit {limit}: --plan estimates the time of all cases; omit one of them")
+        raise InputError(f"--limit {limit}: --plan estimates the time of all cases; omit --limit or --plan")
     from palpate.sweep import (  # noqa: PLC0415, its libraries take a second
         RESULTS,
         Case,

@@ -165,9 +165,9 @@ def _update(  # noqa: PLR0917, what was typed
         if not content["changes"] and short < len(tested):
             console.say_below("nothing changes by more than its scatter")
         if short:
-            words = f"{short} of them are too short to detect a step: this takes {least} measurements if "
             console.say_below(
-                f"[yellow]{words}{len(tested)} series are tested; --parameter tests fewer[/yellow]"
+                f"[yellow]too short to detect a step: {short} of {len(tested)} series; when testing so many, "
+                f"each needs {least} measurements; --parameter tests fewer[/yellow]"
             )
         if left_out := content["left_out"]:
             which = f"{_series_name(left_out[0])} at {left_out[0]['at']} ({left_out[0]['value']:.3g})"

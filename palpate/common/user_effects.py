@@ -129,7 +129,7 @@ def _load_user_effect(text: str) -> Effect:
         attribute, wrong = next(_flaws(member), ("", ""))
     if wrong:
         raise InputError(f"--effect {text}: {wrong}{place_of(member, attribute)}")
-    with user_code(f"--effect {text}: cannot be made", LIMIT_S, file_of(member)):
+    with user_code(f"--effect {text}: cannot be created", LIMIT_S, file_of(member)):
         return guarded(member())
 
 

@@ -265,7 +265,7 @@ def _examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
             remedy = "tap the tool; if the reading does not change, the sensor is stuck"
             yield warn("force at rest", f"{value}: never changes", remedy)
         else:
-            remedy = "take load off the tool, or tare the sensor; then calibrate it"
+            remedy = "remove any load from the tool, or tare the sensor; then calibrate it"
             yield graded("force at rest", value, (_WARN, beyond, remedy))
 
 

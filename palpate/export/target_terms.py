@@ -52,7 +52,9 @@ AT_ONCE = "dry friction changes sign at once: the path over which it builds up i
 _NO_PLACE = "dry friction has one level everywhere: its variation with position is left out"
 _OF_BODIES = "includes everything the joint carries: set masses and inertias of the bodies by hand"
 _NO_LOAD = "is left out: the target has no friction that grows with the load"
-_LATE = "delays the reading; if it is negative, the motion is late: set a delay of the action by hand"
+_LATE = (
+    "delays the reading; if it is negative, the motion lags the effort: set the delay of the action by hand"
+)
 _GAIN = "scales the torque reading: on the real joint, divide the reading by this gain"
 
 TILT_OF_ARM = "gravity_tilt of an arm"  # its parameters are angles; those of a pendulum are torques
@@ -116,7 +118,7 @@ TABLE: Mapping[SimulatorFormat, Terms] = {
         "cubic_stiffness": named(cubic="k3"),
         "delay": TargetTerm(
             lambda p: {"sensor_delay_s": p["time"]} if p["time"] > 0.0 else {},
-            none="is negative, so the motion is late: set a delay of the actuator by hand",
+            none="is negative, so the motion lags the effort: set the actuator's delay by hand",
         ),
         TILT_OF_ARM: TargetTerm(lambda p: {f"{key}_rad": angle for key, angle in p.items()}),
         "joint_elasticity": "needs a second body behind a spring",

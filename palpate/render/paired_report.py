@@ -74,7 +74,7 @@ def _residual_figure(view: ChannelPairView) -> go.Figure:
                 trace = go.Scatter(y=edge, line=band, showlegend=False, hoverinfo="skip", **group)
                 made.add_trace(trace, 1, column)
     title_axes(made, (1, 1), "lag [s]", "correlation")
-    title_axes(made, (1, 2), "lag [s]; positive: velocity first", "")
+    title_axes(made, (1, 2), "lag [s]; positive: velocity leads", "")
     made.update_yaxes(range=[-1.05, 1.05])
     made.update_annotations(yshift=6)
     return styled(made, 360).update_layout(legend_y=1.1)

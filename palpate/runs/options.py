@@ -244,4 +244,4 @@ def ask_for_pose(pose_rad: Sequence[float], *, yes: bool) -> None:
     pose = ", ".join(f"{angle:.4g}" for angle in pose_rad)
     console.stderr().print(f"Bring the arm into the pose {pose} rad, hold it there, and press Enter")
     if not sys.stdin.readline():
-        raise InputError("the arm was not brought into the pose: nothing was read")
+        raise InputError("the input ended before Enter was pressed: the pose is not confirmed")

@@ -311,7 +311,7 @@ def hunt_crossley_section(rows: Sequence[Row]) -> ReportSection:
         f"{len(grouped(rows, itemgetter(*_POWER_LAW)))} "
         "objects, F = (k + b v) x^n, with k from 500 to 30 000 N/mⁿ, b/k from 0.1 to 1 s/m, n from 1 to 2, "
         f"and one probing run of three speeds each. The error of {best[0]} in k is at most {best[1]:.2g} %. "
-        "The unit of k is N/mⁿ, so a small error of n causes a large error of k. The two errors are "
+        "The unit of k is N/mⁿ, so a small error in n causes a large error in k. The two errors are "
         "correlated, and the force over the probed depth is known much better than k or n.",
     )
     title = "Future work in the paper: recovery of Hunt-Crossley parameters"

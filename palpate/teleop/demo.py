@@ -66,7 +66,9 @@ class TeleopDemo:
         if not len(self.rendered.real_n):
             return "there was no touch after the first estimate: the felt force cannot be compared"
         settled, stalled = self.rendered.settled(), int(self.rendered.stalled.sum())
-        late = f", and {count(stalled, 'sample')} of touches at which the machine missed ticks"
+        late = (
+            f", and without {count(stalled, 'sample')} of touches that began while the machine missed ticks"
+        )
         return (
             f"felt force: it differs from the real force by {100.0 * settled.share:.2g} % rms after "
             f"the first estimate, without the first {1e3 * TOUCH_S:g} ms of every touch, where "

@@ -92,7 +92,7 @@ def haptic_stream(joint_count: int) -> Stream:
         STREAM_NAME,
         (
             Column("time_s", "s", 1, "start of the tick, on the leader's clock"),
-            Column("lateness_s", "s", 1, "woken up after the tick was due"),
+            Column("lateness_s", "s", 1, "how late the tick began"),
             Column("step_s", "s", 1, "time spent in the previous tick"),
             Column("tip_position_world_m", "m", 3, "of hand and virtual arm"),
             Column("tip_velocity_world_m_s", "m/s", 3, "of hand and virtual arm"),
@@ -101,8 +101,8 @@ def haptic_stream(joint_count: int) -> Stream:
             Column("depth_m", "m", 1, "of the tip below the virtual surface; negative above it"),
             Column("force_n", "N", 1, "rendered, along the surface's normal"),
             Column("felt_n", "N", 1, "part of it that the device can exert"),
-            Column("withheld_n", "N", 1, "less than the model's own force, for passivity and continuity"),
-            Column("energy_j", "J", 1, "put in by the hand since touch"),
+            Column("withheld_n", "N", 1, "withheld from the model's force, for passivity and continuity"),
+            Column("energy_j", "J", 1, "work done by the hand since touch"),
             Column("revision", "1", 1, "revision of the rendered estimate; -1: the scene's guess", "int32"),
         ),
     )

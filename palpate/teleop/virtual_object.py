@@ -122,7 +122,7 @@ def summarize_estimate(estimate: ObjectEstimate) -> str:
     return f"{', '.join(parameters)}; {estimate.rmse_n:.3g} N left, {count(estimate.runs, 'run')}{verdict}"
 
 
-DOWN = (0.0, 0.0, -1.0)  # the virtual object is pressed downwards only
+DOWN = (0.0, 0.0, -1.0)  # the only direction in which the virtual object can be pressed
 
 
 class TargetStates:
@@ -168,7 +168,7 @@ class TargetStates:
             return False
         self.received += 1
         if dist(estimate.direction_world, DOWN) > 1e-3:
-            raise InputError("the virtual object is pressed downwards only")
+            raise InputError("an estimate's press direction is not downward, as the virtual object requires")
         force_law(estimate.model)
         self._estimates[estimate.target] = estimate
         return True

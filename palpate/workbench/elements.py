@@ -179,7 +179,7 @@ MAP = (
     "A cell with one or two samples shows the mean of its block of neighboring cells."
 )
 BUDGET = f"Shares of the base model's squared error in held-out runs, by kind of effect. {RANGE_MEANING}"
-STALE = "For the effects that were ticked before; it is being computed again."
+STALE = "Still for the effects that were ticked before; the new result is being computed."
 EVIDENCE = "Share of the held-out error that this effect removes in addition to the other ticked effects."
 ALIKE = (
     "According to the diagnosis; before it, effects whose changes of the model have a cosine above 0.95, "

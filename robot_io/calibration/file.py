@@ -131,7 +131,7 @@ def _expect_range(name: str, values: tuple[float, ...], low: float, high: float)
         if not low <= value <= high:
             at = f" for joint {joint}" if len(values) > 1 else ""
             raise problem_at(
-                f"values.{name}.value", f"must be within {low:g} and {high:g} (is {value:g}{at})"
+                f"values.{name}.value", f"must be between {low:g} and {high:g} (is {value:g}{at})"
             )
 
 
@@ -167,7 +167,7 @@ class ForceCalibration(Calibration):
         if unit == "N" and not _SMALLEST_SCALE <= self.values.scale.value <= _LARGEST_SCALE:
             raise problem_at(
                 "values.scale.value",
-                f"must be within {_SMALLEST_SCALE:g} and {_LARGEST_SCALE:g} (is "
+                f"must be between {_SMALLEST_SCALE:g} and {_LARGEST_SCALE:g} (is "
                 f"{self.values.scale.value:.3g}); if the true scale is outside, correct the driver's "
                 "setting, such as capacity_n, and check the stated weights",
             )

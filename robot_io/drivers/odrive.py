@@ -159,7 +159,7 @@ class OdriveBus(MotorBus):
                     problem = f"number of heartbeats in {seconds:.2g} s is {count}, too few for heartbeat_s"
                     raise self._motor_error(joint, f"{problem}: {stated_s:g}; {remedy}")
                 if _is_double(share[joint]):
-                    problem = f"heartbeats come twice as often as heartbeat_s: {stated_s:g} states"
+                    problem = f"heartbeats come twice as often as stated (heartbeat_s: {stated_s:g})"
                     raise self._two_axes(joint, f"{problem}; if it is one axis, {remedy}")
         for joint, count in enumerate(self._answers):
             if count:
@@ -233,7 +233,8 @@ class OdriveBus(MotorBus):
         self._wait_for(
             lambda: self._all_answered() and len(self._supply_v) == count, self._heartbeat_timeout_s
         )
-        unseen = f"CAN cannot read these settings, which each axis needs: {'; '.join(self._setup_commands)}"
+        unseen = "make sure that each axis has these settings, which CAN cannot read: "
+        unseen += "; ".join(self._setup_commands)
         return [*map(self._observe, range(self.joint_count)), ok("set over USB", unseen)]
 
     def _observe(self, joint: int) -> Finding:

@@ -135,7 +135,7 @@ def test_effect_that_never_returns_is_abandoned(tmp_path, monkeypatch):
         "import time\nfrom palpate.estimation.effects.sensor_statics import Bias\n"
         "class Waits(Bias):\n    name = 'waits'\n    def __init__(self):\n        time.sleep(9)\n"
     )
-    with pytest.raises(InputError, match=r"Waits.*: cannot be made: did not end within 0\.2 s"):
+    with pytest.raises(InputError, match=r"Waits.*: cannot be created: did not end within 0\.2 s"):
         Study([DATA], effects=[f"{file}:Waits"])
 
 

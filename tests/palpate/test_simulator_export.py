@@ -164,7 +164,7 @@ def test_only_parameters_in_the_file_are_said_to_be_exported():
     lines = express([servo], TABLE[SimulatorFormat.MJCF], "").left_out
     assert [line.split()[1] for line in lines if "is exported" in line] == ["stribeck_friction.coulomb"]
     (late,) = (line for line in lines if "'delay'" in line)
-    assert "the motion is late" in late
+    assert "the motion lags the effort" in late
     assert "delay.time -0.01 u" in late
     pair = [joint(1, payload={"mass": 0.2}), joint(2, payload={"mass": 0.1})]
     arm = express(pair, TABLE[SimulatorFormat.MJCF], "")

@@ -64,7 +64,7 @@ class MitBus(PolledMotorBus[MitState]):
             reports = "does it report unasked (switch its active reporting off)?"
             self._two_motors = f"do two motors have this id, or {reports}"
         if validated.ask_with == "exit" and not self._dialect.activation_registers:
-            self._silence_remedy = "a motor that answers in motor mode only needs 'ask_with: enter'"
+            self._silence_remedy = "a motor that answers only in motor mode needs 'ask_with: enter'"
 
     def _check_position_ranges(self, context: DriverContext) -> None:
         """Raise `InputError` if a stop at a position limit could end beyond the range of a motor's positions.
@@ -199,7 +199,7 @@ class MitBus(PolledMotorBus[MitState]):
                     problem = (
                         f"its {register.name} is {reported_rad:.3f} rad at the joint, but its messages report"
                     )
-                    remedy = "turn it back, or state its 'ranges'"
+                    remedy = "turn it back into the range of its messages, or correct its 'ranges'"
                     if high_rad - low_rad > _SAME_POSITION_RAD:
                         remedy = "it moves: hold the arm still, and start again"
                     raise self._motor_error(joint, f"{problem} {stated_rad:.3f}: {remedy}")
