@@ -1,7 +1,7 @@
-"""What calibrations recover of what is hidden in the simulated follower, over seeds.
+"""Measure how well calibrations recover the errors hidden in the simulated follower, over seeds.
 
-Every seed draws all hidden values anew. "error" is the largest and the root mean square error, "stated" the
-mean standard uncertainty, "in 2 std" how many lie within twice their own uncertainty (95 % are expected).
+Each seed draws new hidden values. "error" gives the largest and the root mean square error, "stated" the mean
+standard uncertainty, and "in 2 std" how many are within twice their own uncertainty (95 % are expected).
 """
 
 import tempfile
@@ -31,7 +31,7 @@ Found = Iterator[tuple[str, str, float, float, float]]  # what, unit, found, sta
 
 
 def force(rng: np.random.Generator, seed: int, folder: Path) -> Found:
-    """Gain, zero, bend and play of force sensors; every second one without play."""
+    """Calibrate gain, zero, curvature and hysteresis of force sensors; every second one has no hysteresis."""
     for shape, bend in BENDS.items():
         yield from _sensor(shape, rng.choice([-1, 1]) * bend, rng, seed, folder / shape.replace(" ", "-"))
 
@@ -54,7 +54,7 @@ def _sensor(shape: str, bend: float, rng: np.random.Generator, seed: int, folder
 
 
 def encoder(rng: np.random.Generator, seed: int, folder: Path) -> Found:
-    """Zeros against the hard stops, with friction."""
+    """Calibrate encoder zeros against the hard stops, with friction."""
     zeros = rng.uniform(-0.05, 0.05, 3)
     hidden = [_on(f"encoder_{j + 1}", zeros[j]) for j in range(3)]
     hidden += _joints("coulomb_friction", coulomb_nm=rng.uniform(0.02, 0.3, 3) * [1, 1, 0.1])
@@ -66,7 +66,7 @@ def encoder(rng: np.random.Generator, seed: int, folder: Path) -> Found:
 
 
 def arm(kind: str, rng: np.random.Generator, seed: int, folder: Path) -> Found:
-    """Gains, offsets and friction of all drives, on a tilted base; of `gravity`, the tilt alone."""
+    """Calibrate gains, offsets and friction of all drives on a tilted base; for `gravity`, only the tilt."""
     small = np.array([1.0, 1.0, 0.1])
     gain, bias = rng.uniform(0.85, 1.15, 3), rng.uniform(-0.2, 0.2, 3) * small
     coulomb, viscous = rng.uniform(0.05, 0.4, 3) * small, rng.uniform(0.05, 0.4, 3) * small
@@ -118,7 +118,7 @@ KINDS: dict[str, Callable[[np.random.Generator, int, Path], Found]] = {
 
 
 def main() -> None:
-    """Run and print."""
+    """Run the calibrations and print the results."""
     parser = arguments(__doc__)
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--kinds", nargs="+", choices=list(KINDS), default=list(KINDS))

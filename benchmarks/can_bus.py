@@ -1,10 +1,11 @@
-"""What the drivers of motors on a CAN bus add to the time that python-can itself takes.
+"""Measure the time that the CAN motor drivers add to that of python-can itself.
 
 Run: python benchmarks/can_bus.py [ticks, default 3000]
 
-Three emulated motors of each kind on a virtual bus in lock-step, so that the emulators' time is not in it. In
-each tick all joints are read and commanded, in two ways: palpate's whole robot with its force sensor, and the
-same frames received and sent through python-can and nothing else. "Added" is the difference of the medians.
+Three emulated motors of each kind share a virtual bus in lock-step, so that the emulators' time is not
+counted. In each tick all joints are read and commanded in two ways: by palpate's whole robot with its force
+sensor, and by receiving and sending the same frames through python-can alone. "Added" is the difference of
+the medians.
 """
 
 import sys
@@ -28,7 +29,7 @@ ZERO = Command(np.zeros(3))
 
 
 def measure(clock: SimulatedClock, ticks: int, tick: Callable[[], object]) -> list[float]:
-    """Time of this thread in each tick [us], whatever else the machine does."""
+    """Return the processor time of this thread in each tick [us]."""
     times_s = []
     for _ in range(WARM_UP + ticks):
         clock.sleep_until(clock.now_s() + TICK_S)
@@ -45,7 +46,7 @@ def whole(robot: Robot, clock: SimulatedClock) -> None:
 
 
 def bare(bus: can.BusABC, commands: list[can.Message]) -> None:
-    """The same frames with nothing around them."""
+    """Receive and send the same frames through python-can alone."""
     while bus.recv(timeout=0.0) is not None:
         pass
     for command in commands:
@@ -53,7 +54,7 @@ def bare(bus: can.BusABC, commands: list[can.Message]) -> None:
 
 
 def commands_of(robot: Robot, bus: can.BusABC, clock: SimulatedClock) -> list[can.Message]:
-    """The frames that a tick sends."""
+    """Return the frames that a tick sends."""
     sent: list[can.Message] = []
     send, bus.send = bus.send, lambda message, timeout=None: sent.append(message)
     whole(robot, clock)
@@ -62,7 +63,7 @@ def commands_of(robot: Robot, bus: can.BusABC, clock: SimulatedClock) -> list[ca
 
 
 def main() -> None:
-    """Measure all kinds in turn, several times, and print a line each."""
+    """Measure all kinds in turn, several times, and print one line for each."""
     ticks = (int(sys.argv[1]) if len(sys.argv) > 1 else 3000) // ROUNDS
     times: dict[tuple[str, bool], list[float]] = defaultdict(list)
     with ExitStack() as stack:

@@ -1,4 +1,4 @@
-"""How long a diagnosis takes: a minute with all joints, an hour of a joint, many short runs.
+"""Time a diagnosis: one minute of all joints, one hour of one joint, and many short runs.
 
 OPENBLAS_NUM_THREADS=1 python benchmarks/diagnosis_speed.py
 """
@@ -30,7 +30,7 @@ THREE = [
 
 
 def timed(what: str, work: Callable[..., str], *given: object) -> None:
-    """Print how long some work takes, and its result."""
+    """Run a function, and print its duration and its result."""
     started, cpu_s = time.perf_counter(), sum(os.times()[:4])
     result = work(*given)
     wall_s, cpu_s = time.perf_counter() - started, sum(os.times()[:4]) - cpu_s
@@ -38,7 +38,7 @@ def timed(what: str, work: Callable[..., str], *given: object) -> None:
 
 
 def probed(path: Path, hidden: list[Imperfection]) -> Path:
-    """A minute of the simulated arm."""
+    """Record one minute of the simulated arm."""
     scenario = Scenario().with_hidden(hidden)
     plan = ProbingPlan(repeats=8)
     run_probing(ProbingJob(find_robot(DEFAULT), path, plan, scenario=scenario, seed=7, online=None))
@@ -55,12 +55,12 @@ def diagnosed(path: Path) -> str:
 
 
 def names_of(diagnosis: ChannelDiagnosis) -> str:
-    """Accepted effects, or the verdict."""
+    """Return the accepted effects, or the verdict if there are none."""
     return " + ".join(entry.effect for entry in diagnosis.accepted) or diagnosis.verdict.value
 
 
 def long_joint() -> ChannelData:
-    """One joint at 1 kHz with five runs of 10,000 samples and Coulomb friction at ten times the noise."""
+    """Simulate a joint at 1 kHz: five runs of 10,000 samples, Coulomb friction of ten times the noise."""
     rng, run = np.random.default_rng(0), np.repeat(np.arange(5), 10_000)
     time_s, hz = np.arange(len(run)) * 1e-3 + 2.0 * run, rng.uniform(0.1, 1.2, (5, 3))
     omega = 2.0 * np.pi * hz[run]
@@ -74,7 +74,7 @@ def long_joint() -> ChannelData:
 
 
 def short_runs(count: int = 2000, length: int = 25) -> ChannelData:
-    """Many short presses of one object that stiffens, at 100 Hz."""
+    """Simulate many short presses of a stiffening object at 100 Hz."""
     rng = np.random.default_rng(0)
     phase = np.tile(np.linspace(0.0, np.pi, length), count)
     deep = np.repeat(rng.uniform(0.002, 0.01, count), length)
@@ -86,7 +86,7 @@ def short_runs(count: int = 2000, length: int = 25) -> ChannelData:
 
 
 def channel_of(kind: ChannelKind, *signals: np.ndarray) -> ChannelData:
-    """A channel without phases."""
+    """Build a channel without phases."""
     name = "contact" if kind is ChannelKind.CONTACT else "joint_1"
     return ChannelData(name, kind, *signals, np.full(len(signals[0]), -1))
 
@@ -99,7 +99,7 @@ def diagnose_directly(data: ChannelData, model: str) -> str:
 
 
 def hour_of_joint(swing_hz: float, moving_s: float) -> str:
-    """Diagnose one run of 3.6 million samples with Coulomb friction; so long of 600 s the joint swings."""
+    """Diagnose a run of 3.6 million samples with Coulomb friction, moving for `moving_s` of every 600 s."""
     rng, time_s, step_s = np.random.default_rng(0), np.arange(3_600_000) * 1e-3, 1e-3
     share = np.clip(time_s % 600.0 / moving_s, 0.0, 1.0)
     position = 0.8 * np.sin(np.pi * share) ** 2 * np.sin(2.0 * np.pi * swing_hz * time_s)
@@ -113,7 +113,7 @@ def hour_of_joint(swing_hz: float, moving_s: float) -> str:
 
 
 def main() -> None:
-    """Measure all."""
+    """Time all cases."""
     timed("one joint, 50,000 samples", diagnose_directly, long_joint(), "pendulum")
     for swing_hz, moving_s in ((0.5, 600.0), (0.5, 20.0), (1 / 1800, 1e9)):
         what = f"one joint, an hour at 1 kHz, swinging at {swing_hz:.2g} Hz"

@@ -1,10 +1,10 @@
-"""The same probing runs in PyBullet and in MuJoCo: parameters and diagnosis.
+"""Compare parameters and diagnoses of the same probing runs in PyBullet and in MuJoCo.
 
     python benchmarks/engines.py [--every N] [--hidden [EFFECT ...]]
 
-The paper's grid without noise, each object at its three speeds; then the default object with each hidden
-effect of the simulator, and the diagnosis of the channels that contain it. World, noise and hidden effects
-are the same in both engines, so a difference is an error of one engine.
+The first part is the paper's grid without noise, each object at its three speeds. The second part is the
+default object with each hidden effect of the simulator, and the diagnosis of the channels that contain it.
+World, noise and hidden effects are the same in both engines, so a difference is an error of one engine.
 """
 
 from argparse import Namespace
@@ -34,9 +34,10 @@ UNSEEN = 20.0  # strength of an effect that no probing run shows, over the noise
 
 
 def diagnosis_case(effect: str, seed: int) -> Case:
-    """The default object and plan with one hidden effect, or none.
+    """Build the case of the default object and plan with one hidden effect, or none.
 
-    The seed decides place and strength; an effect that no probing run shows gets a fixed place and strength.
+    The seed determines place and strength; an effect that no probing run shows gets a fixed place and
+    strength.
     """
     world, hidden = Scenario(), []
     if effect != NOTHING:
@@ -61,7 +62,7 @@ def diagnosis_case(effect: str, seed: int) -> Case:
 
 
 def run_in_both_engines(cases: Sequence[Case], options: Namespace) -> Iterator[tuple[list[Row], list[Row]]]:
-    """Rows of each case in the first and in the second engine."""
+    """Return the rows of each case in the first and in the second engine."""
     pairs = [
         replace(case, parameters={**case.parameters, "engine": name}) for case in cases for name in ENGINES
     ]

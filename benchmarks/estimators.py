@@ -1,11 +1,11 @@
-"""Every estimator beside those of well-known libraries: error over the Cramer-Rao bound, and time per call.
+"""Compare all estimators with those of well-known libraries: error over Cramer-Rao bound, time per call.
 
     OMP_NUM_THREADS=1 python benchmarks/estimators.py [--draws 100] [--only robust,robust_hunt_crossley]
 
-Error: root mean square over the bound, of k / c (Kelvin-Voigt) or k / b / n (Hunt-Crossley), same noise for
-all. Time: processor time of one call with 4000 samples, median; of recursive ones per sample, with all that
-comes after them, such as standard errors. The bound is that of clean samples also where there are outliers:
-without 30 % of the samples nobody can be nearer to it than 1.2.
+Error: root mean square over the bound, for k / c (Kelvin-Voigt) or k / b / n (Hunt-Crossley), with the same
+noise for all. Time: median processor time of one call with 4000 samples, or per sample for recursive
+estimators, including what follows, such as standard errors. The bound always refers to clean samples: without
+30 % of the samples no estimator can come nearer to it than 1.2.
 """
 
 import time
@@ -35,27 +35,27 @@ NOISES = {
     "30 % outliers": Noise(outliers=0.3),
     "2 %, 30 % outl.": Noise(0.005, 0.02, 0.3),
 }
-SLOW_DRAWS = 5  # for what takes a tenth of a second
-CHANGE, RUN = 3000, 4000  # sample of the change of stiffness, and samples in all
+SLOW_DRAWS = 5  # for methods that take a tenth of a second
+CHANGE, RUN = 3000, 4000  # sample at which the stiffness changes, and number of samples
 
 Method = Callable[[Press, FloatArray, int], FloatArray]
 
 
 def linear(name: str, press: Press, force_n: FloatArray, seed: int) -> FloatArray:
-    """One of palpate's linear estimators."""
+    """Return one of palpate's linear estimators."""
     estimate = ESTIMATORS[name]().fit(press.regression(force_n), rng=np.random.default_rng(seed))
     return np.array([parameter.value for parameter in estimate.parameters])
 
 
 def contact(name: str, press: Press, force_n: FloatArray, seed: int) -> FloatArray:
-    """One of palpate's estimators of contact laws."""
+    """Return one of palpate's estimators of contact laws."""
     rng = np.random.default_rng(seed)
     law = CONTACT_ESTIMATORS[name]().fit(press.depth_m, press.speed_m_s, force_n, rng=rng)
     return np.array([law.stiffness, law.damping, law.exponent])[: len(press.truth)]
 
 
 def scikit(make: Callable[[int], object], press: Press, force_n: FloatArray, seed: int) -> FloatArray:
-    """A regressor of scikit-learn, on columns of like size."""
+    """Return a scikit-learn regressor on columns scaled to similar size."""
     columns = press.regression(force_n).columns
     sizes = np.sqrt(np.mean(columns**2, axis=0))
     model = make(seed).fit(columns / sizes, force_n)
@@ -63,7 +63,7 @@ def scikit(make: Callable[[int], object], press: Press, force_n: FloatArray, see
 
 
 def cauchy(press: Press, force_n: FloatArray, _seed: int) -> FloatArray:
-    """Scipy's least_squares with Cauchy's loss at the true noise; in logarithms for Hunt-Crossley."""
+    """Return scipy's least_squares with a Cauchy loss at the true noise; in logarithms for Hunt-Crossley."""
     columns = press.regression(force_n).columns
     depth, speed = columns.T
     if len(press.truth) == 2:
@@ -78,19 +78,19 @@ def cauchy(press: Press, force_n: FloatArray, _seed: int) -> FloatArray:
 
 
 def rlm(press: Press, force_n: FloatArray, _seed: int) -> FloatArray:
-    """Statsmodels' robust linear model with the biweight."""
+    """Return statsmodels' robust linear model with the biweight."""
     model = sm.RLM(force_n, press.regression(force_n).columns, M=sm.robust.norms.TukeyBiweight())
     return np.asarray(model.fit().params)
 
 
 def ransac(seed: int) -> RANSACRegressor:
-    """RANSAC of scikit-learn with a threshold of three times the noise."""
+    """Return scikit-learn's RANSAC with a threshold of three times the noise."""
     line = LinearRegression(fit_intercept=False)
     return RANSACRegressor(line, min_samples=5, residual_threshold=0.06, random_state=seed)
 
 
 def theil_sen(seed: int) -> TheilSenRegressor:
-    """Theil and Sen's estimator of scikit-learn."""
+    """Return scikit-learn's Theil-Sen estimator."""
     return TheilSenRegressor(fit_intercept=False, random_state=seed, max_subpopulation=2000)
 
 
@@ -105,7 +105,7 @@ SLOW = ("sklearn TheilSenRegressor",)
 
 
 def errors(method: Method, press: Press, noise: Noise, draws: int) -> tuple[FloatArray, float]:
-    """Root mean square error over the bound, and the median time of a call [s]."""
+    """Return the root mean square error over the bound, and the median time of a call [s]."""
     off, times = [], []
     for seed in range(draws):
         force_n = press.read(noise, np.random.default_rng(seed))
@@ -121,7 +121,7 @@ def errors(method: Method, press: Press, noise: Noise, draws: int) -> tuple[Floa
 
 
 def table(title: str, press: Press, methods: Mapping[str, Method], draws: int) -> None:
-    """Print one line a method."""
+    """Print one line for each method."""
     rows = []
     for name, method in methods.items():
         kind = {**ESTIMATORS, **CONTACT_ESTIMATORS}.get(name, object)
@@ -136,7 +136,7 @@ def table(title: str, press: Press, methods: Mapping[str, Method], draws: int) -
 
 
 def step_study() -> None:
-    """Online: scatter of k at rest and time to follow a step from 500 to 1000 N/m, noise of 10 % and 2 %."""
+    """Print the online scatter of k and the time to follow a step from 500 to 1000 N/m (noise 10 and 2 %)."""
     t = np.arange(RUN) * 1e-3
     depth = 0.008 + 0.004 * np.sin(10 * np.pi * t) + 0.0025 * np.sin(16 * np.pi * t + 1)
     columns = np.column_stack([depth, np.gradient(depth, 1e-3)])
@@ -164,7 +164,7 @@ def step_study() -> None:
 
 
 def follow(estimator: OnlineEstimator, rows: FloatArray, force_n: FloatArray) -> tuple[FloatArray, float]:
-    """Stiffness after each sample, and the mean processor time of an update [s]."""
+    """Return the stiffness after each sample, and the mean processor time of an update [s]."""
     estimator.start(rows.shape[1])
     begun = time.process_time()
     gains = [estimator.update(row, force)[0] for row, force in zip(rows, force_n.tolist(), strict=True)]

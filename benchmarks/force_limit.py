@@ -1,8 +1,8 @@
-"""How well the force limit is kept while probing: both simulated arms, over the range of objects.
+"""Measure how well probing keeps the force limit, for both simulated arms and a range of objects.
 
-Forces are the simulation's own, free of sensors. "late" is the highest force from 20 ms after the first
-contact on; "hold" is the largest deviation over the last 0.3 s of the hold; "lost" counts ticks without
-contact while loading and holding; "track" is the largest error of a joint.
+Forces are the true ones of the simulation, not sensor readings. "late" is the highest force from 20 ms after
+the first contact on; "hold" is the largest deviation over the last 0.3 s of the hold; "lost" counts ticks
+without contact while loading and holding; "track" is the largest error of a joint.
 """
 
 from collections.abc import Iterator
@@ -36,7 +36,7 @@ HEADER = (
 
 
 def probe(arm: str, stiffness_n_m: float, damping_n_s_m: float, plan: ProbingPlan) -> Iterator[np.ndarray]:
-    """Probe one object at all speeds of the plan; see `summary` for what a run gives."""
+    """Probe one object at all speeds of the plan; see `summary` for the figures of a run."""
     robot_file, clock, log = find_robot(arm), SimulatedClock(), TickRecords()
     true_n: list[float] = []
     task = ProbingTask.from_robot_file(robot_file, plan)
@@ -59,7 +59,7 @@ def probe(arm: str, stiffness_n_m: float, damping_n_s_m: float, plan: ProbingPla
 
 
 def summary(records: np.ndarray, force_n: np.ndarray, limit_n: float) -> np.ndarray:
-    """Peak, latest peak and deviation while held [N], ticks lost, and tracking [mrad] of one run."""
+    """Return a run's peak, late peak and deviation in the hold [N], lost ticks, and tracking error [mrad]."""
     time_s, phase = records["time_s"], records["phase"]
     late = time_s >= time_s[force_n > 0.0][0] + LATE_S
     hold_n = np.abs(force_n[phase == Phase.HOLD][-300:] - limit_n).max()
@@ -69,7 +69,7 @@ def summary(records: np.ndarray, force_n: np.ndarray, limit_n: float) -> np.ndar
 
 
 def objects() -> Iterator[tuple[float, float, tuple[float, ...]]]:
-    """Stiffness, damping, and the speeds at which it is probed."""
+    """Yield stiffness, damping and probing speeds of each object."""
     for stiffnesses, speeds in (SOFT, STIFF):
         for stiffness in stiffnesses:
             for damping in DAMPING_N_S_M:
@@ -77,7 +77,7 @@ def objects() -> Iterator[tuple[float, float, tuple[float, ...]]]:
 
 
 def main() -> None:
-    """Measure and print."""
+    """Measure, and print the figures."""
     parser = arguments(__doc__)
     parser.add_argument("--arm", choices=sorted(shipped_robots()), help="only this one")
     only = parser.parse_args().arm

@@ -21,7 +21,7 @@ from threadpoolctl import threadpool_limits
 ROOT = Path(__file__).resolve().parents[1]
 ROBOTS = ROOT / "robots"
 PALPATE = (sys.executable, "-m", "palpate.main")
-# The command's main process states at its end how much memory it took, in KiB on Linux.
+# The command's main process finally reports its memory, in KiB on Linux.
 _MEASURED = """import atexit, resource, sys
 from palpate.main import main
 atexit.register(lambda: print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, file=sys.stderr))
@@ -41,8 +41,8 @@ class FinishedCommand:
     stderr: str
     exit_code: int
     wall_s: float
-    processor_s: float  # user and system time, with the processes that it started
-    peak_gb: float  # memory of the main process; NaN if the command ended by an error
+    processor_s: float  # user and system time, including processes that it started
+    peak_gb: float  # memory of the main process; NaN if the command failed
 
 
 def run_palpate(*words: object, check: bool = True, timeout_s: float | None = None) -> FinishedCommand:

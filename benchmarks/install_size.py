@@ -1,4 +1,4 @@
-"""Disk space of an installation: MB of each distribution, as source and libraries, and as bytecode.
+"""Measure the disk space of an installation: MB of each distribution, without bytecode and of bytecode.
 
 Makes a new environment in a temporary folder, installs palpate there with pip, and adds up the disk blocks of
 all files that each distribution lists. pip and setuptools themselves are not counted. Any Python will do.
@@ -26,7 +26,7 @@ print(json.dumps({name: [str(each.locate_file(file)) for file in each.files] for
 
 
 def disk_megabytes(paths: list[str]) -> tuple[float, float]:
-    """Return the MB on disk of all files but bytecode, and of bytecode."""
+    """Return the MB on disk of all files except bytecode, and of bytecode."""
     files = {Path(path).resolve() for path in paths if Path(path).exists()}
     sizes = {file: file.stat().st_blocks * BLOCK_BYTES / 1e6 for file in files}
     bytecode = sum(size for file, size in sizes.items() if file.suffix == ".pyc")

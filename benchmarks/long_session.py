@@ -1,4 +1,4 @@
-"""Peak memory and processor time of commands on a session of very many ticks, repeated from a short one.
+"""Measure peak memory and processor time of commands on a very long session, made by repeating a short one.
 
 Run: python benchmarks/long_session.py SESSION [ticks, default 2000000] [command ...]
 """
@@ -37,7 +37,7 @@ def write_long(short: Session, ticks: int, path: Path, rng: np.random.Generator)
 
 
 def main() -> None:
-    """Run each command in its own process, and print what it took."""
+    """Run each command in its own process, and print its memory and time."""
     parser = arguments(__doc__)
     parser.add_argument("session")
     parser.add_argument("ticks", nargs="?", type=int, default=2_000_000)

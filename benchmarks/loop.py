@@ -1,7 +1,7 @@
-"""What a tick costs: a probing run of the simulated follower on simulated time.
+"""Measure the processor time of a tick in probing runs of the simulated follower on simulated time.
 
-First with a session and online estimation; then in memory, as a study runs it, in each engine. Without other
-load the shortest of several runs counts.
+The first run writes a session and estimates online; the others run in memory, as in a sweep, in each engine.
+Without other load the shortest of several runs counts.
 """
 
 import time
@@ -40,7 +40,7 @@ def with_session() -> None:
 
 
 def in_memory(engine: EngineName) -> tuple[float, Samples]:
-    """Processor time of a tick [s] in the quickest of some short probing runs, and its ticks."""
+    """Return the processor time per tick [s] of the fastest of several short runs, and its tick count."""
     robot, scenario = find_robot("follower"), Scenario().with_engine(engine)
     plan = ProbingPlan(speeds_m_s=(0.15,), hold_s=0.0)
     runs = []

@@ -1,8 +1,8 @@
-"""What do many recordings cost, and what do they find together? Plain numpy makes all but the sessions.
+"""Measure the cost and the findings of many recordings, which plain numpy generates, except the sessions.
 
 python benchmarks/many_recordings.py --part speed --recordings 40  # of 5,000 samples
-python benchmarks/many_recordings.py --part memory --rows 100000    # the most that the client takes
-python benchmarks/many_recordings.py --part pooled --repeats 5      # half the noise in 40 recordings
+python benchmarks/many_recordings.py --part memory --rows 100000    # peak memory of the client
+python benchmarks/many_recordings.py --part pooled --repeats 5      # effects half as large as the noise
 python benchmarks/many_recordings.py --part trend --repeats 20 --years 4
 python benchmarks/many_recordings.py --part sessions --recordings 1000  # of the simulated arm
 """
@@ -40,7 +40,7 @@ NOISE_N = 0.02
 
 
 def write_press(path: Path, seed: int, samples: int, hidden: float = 0.0) -> None:
-    """Write five presses of a damped spring; a cubic part of `hidden` times the noise."""
+    """Write five presses of a damped spring with a cubic part of `hidden` times the noise."""
     rng = np.random.default_rng(seed)
     count = samples // 5
     t = np.arange(count) / 500.0
@@ -89,7 +89,7 @@ def presses(folder: Path, number: int, samples: int = 5000, hidden: float = 0.0,
 
 
 def speed(folder: Path, number: int) -> None:
-    """Compare a batch of one worker with the same work in this process, and state the time of two workers."""
+    """Compare a batch with one worker to the same work in this process, and time it with two workers."""
     data, single = presses(folder / "data", number), presses(folder / "single", 1)
     plain = {"model": None, "add": [], "urdf": None, "tip_frame": None, "effects": []}
     plain["read"] = NO_OPTIONS.stated()
@@ -118,7 +118,7 @@ def speed(folder: Path, number: int) -> None:
 
 
 def write_rows(folder: Path, addresses: Sequence[str]) -> None:
-    """Store a row with ten parameters for each address of a case, as a worker does."""
+    """Store a row with ten parameters for each case, as a worker does."""
     store, rng = ResultStore(folder), np.random.default_rng(int(addresses[0][:8], 16))
     row: dict[str, Any] = {"channel": "contact", "model": "kelvin_voigt", "verdict": "", "warnings": ""}
     row |= {"times_noise": 1.0, "seconds": 0.1, "error": "", "seed": 0, "first": True}
@@ -130,7 +130,7 @@ def write_rows(folder: Path, addresses: Sequence[str]) -> None:
 
 
 def memory(folder: Path, rows: int) -> None:
-    """Largest memory of a client whose workers write rows with ten parameters."""
+    """Measure the peak memory of a client whose workers write rows with ten parameters."""
     (data := folder / "data").mkdir()
     for number in range(rows):
         (data / f"r{number}.csv").write_text(f"a\n{number}\n")
@@ -157,7 +157,7 @@ def memory(folder: Path, rows: int) -> None:
 
 
 def pooled(folder: Path, repeats: int, seed: int) -> None:
-    """Count batches of 40 short recordings in which pooling names a hidden, or an absent effect."""
+    """Count batches of 40 short recordings in which pooling names a hidden effect, or an absent one."""
     named = {0.5: 0, 0.0: 0}
     for repeat in range(repeats):
         for hidden in named:
@@ -207,7 +207,7 @@ def trend(folder: Path, repeats: int, years: int, seed: int) -> None:
 
 
 def write_session(path: Path, seed: int) -> dict[str, Any]:
-    """Probe an object at three speeds, of which every third relaxes or stiffens too; return true values."""
+    """Probe an object at three speeds; every third one also relaxes or stiffens. Return the true values."""
     kind = ("plain", "relaxing", "stiffening")[seed % 3]
     stiffness_n_m = float(400.0 * (1.0 + 0.1 * np.random.default_rng(seed).standard_normal()))
     relaxing = {"effect": "stress_relaxation", "stiffness_n_m": 150.0, "time_s": 0.15}
@@ -222,7 +222,7 @@ def write_session(path: Path, seed: int) -> dict[str, Any]:
 
 
 def sessions(folder: Path, number: int, seed: int) -> None:
-    """Probe simulated objects of three kinds; compare all, and count what is found in a tenth of them."""
+    """Probe simulated objects of three kinds; compare all, and count the effects found in a tenth of them."""
     (data := folder / "data").mkdir()
     begun_s, seeds = time.perf_counter(), range(3000 * seed, 3000 * seed + number)
     jobs = [(data / f"s{item}.mcap", item) for item in seeds]
@@ -255,7 +255,7 @@ def sessions(folder: Path, number: int, seed: int) -> None:
 
 
 def series(values: np.ndarray, errors: np.ndarray) -> Series:
-    """Make a series of one value a night, of shape (n,), with standard errors (n,)."""
+    """Make a series of one value per night, of shape (n,), with standard errors (n,)."""
     nights = np.arange(len(values))
     return Series("all", "axis", "p", "N m", nights, nights.astype(float), values, errors)
 

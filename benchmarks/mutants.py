@@ -1,10 +1,11 @@
-"""Changes one place of the program at a time, and says which changes the tests do not notice.
+"""Change one place of the program at a time, and list the changes that the tests do not detect.
 
     python benchmarks/mutants.py [mutants, default 200] [--seed N] [--only session,guard,...] [--slow]
 
-A mutant is one changed operator, number, condition, result or left out statement, drawn evenly over areas.
-The tests that name the changed module run first, then the others of its area, in a copy of the tree. mutmut
-wants the whole suite before it begins, and cosmic-ray one test command for all: both take days here.
+A mutant is one changed operator, number, condition or result, or one omitted statement, drawn evenly over
+areas. The tests that name the changed module run first, then the others of its area, in a copy of the tree.
+mutmut runs the whole suite first, and cosmic-ray needs one test command for all mutants: both would take days
+here.
 """
 
 import ast
@@ -25,7 +26,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from harness import ROOT, arguments
 
-AREAS = {  # where the program is, and the tests that are to notice, in tests/
+AREAS = {  # folder of the program, and the test files in tests/ that should detect changes
     "guard": ("robot_io/guard", "robot_io/guard control/test_loop_failures.py"),
     "loop": ("control/loop", "control/test_loop*.py control/test_timing.py control/test_realtime.py"),
     "session": ("robot_io/session", "robot_io/test_session_*.py"),
@@ -47,7 +48,7 @@ AREAS = {  # where the program is, and the tests that are to notice, in tests/
     "sweep": ("palpate/sweep", "palpate/sweep palpate/test_ended_from_outside.py"),
 }
 GOAL = 0.97
-MOST_S = 900.0  # that the tests of an area may take as it is
+MOST_S = 900.0  # that the tests of an area may take without a mutant
 # Tests that take longer than this multiple of their usual time, plus this margin, never end.
 LONGER, MARGIN_S = 2.5, 60.0
 _LOOKS = {"alpha", "figsize", "fontsize", "lw", "mew", "ms", "rotation"}
@@ -60,7 +61,7 @@ _COMPUTED = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/"} | dict.fromkeys(
 
 @dataclass(frozen=True)
 class Mutant:
-    """One change: the file, which characters of it, and what stands there instead."""
+    """One change: the file, the replaced characters, and the new text."""
 
     area: str
     file: Path
@@ -75,7 +76,7 @@ class Mutant:
 
 
 def mutants_of(area: str, file: Path) -> list[Mutant]:
-    """All that can be changed in a file, whose path is from the root."""
+    """List all mutants of a file, whose path is relative to the root."""
     source = (ROOT / file).read_text(encoding="utf-8")
     begins = [0, *accumulate(map(len, source.encode().splitlines(keepends=True)))]
     mutants = []
@@ -88,11 +89,11 @@ def mutants_of(area: str, file: Path) -> list[Mutant]:
 
 
 def _changes(tree: ast.AST) -> Iterator[tuple[ast.AST, str]]:
-    """Nodes with the text that stands for them in a mutant.
+    """Yield nodes with the text that replaces them in a mutant.
 
-    Left alone is what the tests of a right program cannot notice by its nature: types and what guards them
-    (`frozen`, `slots` and other decorators), texts, imports, line widths and other looks of a drawing, and
-    `strict` of a zip, which is an assertion.
+    Changes that no test of a correct program can detect are omitted: types and what guards them (`frozen`,
+    `slots` and other decorators), texts, imports, line widths and other styles of a drawing, and `strict` of
+    a zip, which is an assertion.
     """
     for node in ast.iter_child_nodes(tree):
         types = (getattr(tree, "annotation", None), getattr(tree, "returns", None))
@@ -110,7 +111,7 @@ def _changes(tree: ast.AST) -> Iterator[tuple[ast.AST, str]]:
 
 
 def _changed(node: ast.AST) -> str:
-    """The other text of one node; empty if there is none."""
+    """Return the changed text of one node; empty if there is none."""
     text = ast.unparse
     match node:
         case ast.Compare(left, [operator], [right]):
@@ -124,7 +125,7 @@ def _changed(node: ast.AST) -> str:
             return f"({text(operand)})"
         case ast.Constant(bool() as value):
             return str(not value)
-        case ast.Constant(int() | float() as value) if not 0.0 < value < 1e-8:  # it only allows for rounding
+        case ast.Constant(int() | float() as value) if not 0.0 < value < 1e-8:  # a tolerance for rounding
             return str(value + 1 if isinstance(value, int) else 2.0 * value or 1.0)
         case ast.IfExp(test, body, changed):
             return f"({text(changed)} if {text(test)} else {text(body)})"
@@ -136,7 +137,7 @@ def _changed(node: ast.AST) -> str:
 
 
 def sampled(count: int, areas: list[str], seed: int) -> list[Mutant]:
-    """As many of each area, at random, no place twice."""
+    """Draw equally many mutants of each area at random, without repetition."""
     random, drawn = Random(seed), list[Mutant]()
     for number, area in enumerate(areas):
         files = sorted(path.relative_to(ROOT) for path in (ROOT / AREAS[area][0]).rglob("*.py"))
@@ -147,11 +148,11 @@ def sampled(count: int, areas: list[str], seed: int) -> list[Mutant]:
 
 
 class Trial:
-    """A copy of the tree, in which one mutant at a time is tried.
+    """A copy of the tree in which one mutant at a time is tested.
 
     Args:
         tree: the copy.
-        slow: whether the slow tests run too, of which the workbench's need a browser.
+        slow: whether the slow tests run too; those of the workbench need a browser.
     """
 
     def __init__(self, tree: Path, *, slow: bool) -> None:
@@ -165,14 +166,14 @@ class Trial:
                 shutil.copyfile(ROOT / name, tree / name, follow_symlinks=False)
 
     def check(self, area: str) -> None:
-        """Refuse tests that fail twice without a mutant, because they cannot notice one."""
+        """Exit if the tests fail twice without a mutant, because they could not detect one."""
         started, tests = time.perf_counter(), [str(path) for path in self._files(area)]
         if self._failing(area, tests) and (by := self._failing(area, tests)):
             raise SystemExit(f"{area}: the tests fail as it is: {by}")
         self._most_s[area] = LONGER * (time.perf_counter() - started) + MARGIN_S
 
     def noticed_by(self, mutant: Mutant) -> str:
-        """What noticed: a test, or that none came to an end; empty if nothing did."""
+        """Return the test that detected a mutant, or "no end" if the tests did not end; empty if none did."""
         whole = (self._tree / mutant.file).read_bytes()
         (self._tree / mutant.file).write_bytes(
             whole[: mutant.start] + mutant.new.encode() + whole[mutant.end :]
@@ -184,7 +185,7 @@ class Trial:
             (self._tree / mutant.file).write_bytes(whole)
 
     def _tests(self, mutant: Mutant) -> tuple[list[str], list[str]]:
-        """Files of tests that name the module or its folder, and the others of the area."""
+        """Return the test files that name the module or its folder, and the others of the area."""
         files = self._files(mutant.area)
         parts = mutant.file.with_suffix("").parts  # the program's own folder has the package's name already
         module = ".".join(parts if parts[0] == "palpate" else ("palpate", *parts))
@@ -220,7 +221,7 @@ class Trial:
 
 
 def main() -> None:
-    """Try the mutants, print a line for each and the share that was noticed; exit with 1 below the goal."""
+    """Test the mutants, print a line for each and the share detected; exit with 1 below the goal."""
     options = arguments(__doc__)
     options.add_argument("count", nargs="?", type=int, default=200)
     options.add_argument("--seed", type=int, default=0)
@@ -228,7 +229,7 @@ def main() -> None:
     options.add_argument("--only", default=",".join(AREAS))
     given = options.parse_args()
     noticed: dict[str, list[bool]] = defaultdict(list)
-    drawn = sampled(given.count, given.only.split(","), given.seed)  # of the same files as the copy has
+    drawn = sampled(given.count, given.only.split(","), given.seed)  # of the same files as in the copy
     with TemporaryDirectory() as folder:
         trial = Trial(Path(folder), slow=given.slow)
         for area in given.only.split(","):

@@ -1,8 +1,8 @@
-"""Diagnose published measurements, each from its simple model, beside what their authors found missing.
+"""Diagnose published measurements from their simple models, and compare with what their authors found.
 
     python benchmarks/real_data.py DATA_DIR [SET ...] [--out FILE]
 
-docs/benchmarks.md names the origin of the sets, which are no part of this project. A channel is right if one
+docs/benchmarks.md names the origin of the sets, which are not part of this project. A channel is right if one
 name of each group that its README asks for is accepted, alone or as indistinguishable from another, and no
 accepted name is unknown to it. The README's held-out errors are printed for comparison; folds differ.
 """
@@ -27,11 +27,11 @@ class JudgedChannel:
     verdict: str
     reason: str
     rmse: tuple[float, float] | None  # held out, of the simple and of the final model
-    ladder: tuple[float, ...]  # the README's held-out errors
+    ladder: tuple[float, ...]  # held-out errors in the README
     literature: str
     named: bool
     missed: list[str]  # groups of which no name was accepted
-    unasked: list[str]  # accepted names that the README does not know
+    unasked: list[str]  # accepted names that the README does not list
     seconds: float  # processor time of the recording
 
     @property
@@ -41,7 +41,7 @@ class JudgedChannel:
 
 
 def judge(recording: str, found: ChannelDiagnosis, expected: Expected, seconds: float) -> JudgedChannel:
-    """Hold one channel against its README."""
+    """Compare one channel with its README."""
     named = found.verdict.value == "missing"
     groups = [{entry.effect, *entry.confused_with} for entry in found.accepted] if named else []
     known = expected.allowed.union(*expected.needed)
@@ -86,7 +86,7 @@ def run(recording: Recording) -> list[JudgedChannel]:
 
 
 def summary(judged: list[JudgedChannel]) -> str:
-    """Counts over recordings, of which one is right if all its channels are, and over channels."""
+    """Count right channels, and recordings of which all channels are right."""
     recordings = {channel.recording for channel in judged}
     wrong = {channel.recording for channel in judged if not channel.right}
     named = {channel.recording for channel in judged if channel.named}

@@ -1,15 +1,20 @@
-"""Diagnose the public recordings of benchmarks/measured/recipes, and hold each answer against its recipe.
+"""Diagnose the public recordings of benchmarks/measured/recipes, and compare each answer with its recipe.
 
     python benchmarks/recordings.py DATA_DIR [NAME ...] --out FILE [--answers FOLDER]
 
-DATA_DIR has a folder for each recording with the import.csv.gz that benchmarks/measured/convert.py wrote; a
-recording that it lacks is skipped. With `raw` in the recipe (a list of options) the origin's own files are
-diagnosed instead, so that the reading of files is judged too. Three figures count. The kind with the largest
-share of the budget is an expected one; recordings in which an expected kind is stated to explain as much
-in its place are also counted separately. A form is named that the recipe accepts (or a younger
-effect of the same curve, see measured/score.py), or the largest kind's form is said to
-be unknown. No name is false. Where the recipe has `verdicts`, one of them is right by itself.
-Recordings that are held out are run once, by somebody who did not write the rules.
+DATA_DIR has a folder for each recording with the import.csv.gz that benchmarks/measured/convert.py wrote;
+missing recordings are skipped. If the recipe has `raw` (a list of options), the original files are diagnosed
+instead, which also tests how files are read. A recording is judged by three criteria:
+
+1. The kind with the largest share of the budget is an expected one. Recordings in which an expected kind is
+   stated to explain as much in its place are also counted separately.
+2. A form that the recipe accepts is named (or a newer effect of the same curve, see measured/score.py), or
+the
+   form of the largest kind is stated to be unknown.
+3. No name is wrong.
+
+If the recipe has `verdicts`, any of these verdicts is right by itself. Recordings that are held out are run
+once, by somebody who did not write the rules.
 """
 
 import json
@@ -27,7 +32,7 @@ _BAD_INPUT = 2  # exit code if a recording cannot be read
 
 
 def command_of(recipe: dict[str, Any], file: Path) -> list[str]:
-    """Words of the command that diagnoses a recording."""
+    """Return the words of the command that diagnoses a recording."""
     command = ["diagnose", str(file), "--json", "--model", recipe["model"]]
     for column in recipe.get("context", []):
         command += ["--context", column]
@@ -35,7 +40,7 @@ def command_of(recipe: dict[str, Any], file: Path) -> list[str]:
 
 
 def file_of(recipe: dict[str, Any], folder: Path) -> Path:
-    """What is diagnosed: the converted file, or the origin's file, or the folder of several."""
+    """Return the diagnosed path: the converted file, the original file, or the folder of several files."""
     if "raw" not in recipe:
         return folder / "import.csv.gz"
     files = sorted((folder / "raw").glob("*"))
@@ -43,16 +48,16 @@ def file_of(recipe: dict[str, Any], folder: Path) -> Path:
 
 
 def answer_of(recipe: dict[str, Any], file: Path, kept: Path | None = None) -> dict[str, Any]:
-    """Diagnose one recording by the command line.
+    """Diagnose one recording with the command line.
 
     Args:
         recipe: how the recording was made and is diagnosed.
-        file: with the measurement.
-        kept: the answer of an earlier run, which is read, or written; None to keep nothing.
+        file: the measurement.
+        kept: file of the answer, which is read if it exists and written otherwise; None to keep nothing.
 
     Returns:
-        What `palpate diagnose --json` prints, or under "refused" or "stopped" why it prints nothing; with
-        the seconds that it took.
+        Output of `palpate diagnose --json`, or under "refused" or "stopped" the reason why there is none,
+        with the duration in seconds.
     """
     if kept is not None and kept.is_file():
         return dict(json.loads(kept.read_text(encoding="utf-8")))
@@ -63,7 +68,7 @@ def answer_of(recipe: dict[str, Any], file: Path, kept: Path | None = None) -> d
     else:
         last = (done.stderr.strip().splitlines() or ["no message"])[-1]
         if done.exit_code not in {0, _BAD_INPUT}:
-            raise RuntimeError(f"{file}: {last}")  # a fault of the program says nothing about the recording
+            raise RuntimeError(f"{file}: {last}")  # a program error says nothing about the recording
         answer = {"refused": last} if done.exit_code else dict(json.loads(done.stdout))
         answer["seconds"] = done.wall_s
     if kept is not None:
@@ -72,7 +77,7 @@ def answer_of(recipe: dict[str, Any], file: Path, kept: Path | None = None) -> d
 
 
 def run(recipe: dict[str, Any], file: Path, kept: Path | None) -> Score:
-    """Diagnose one recording and hold it against its recipe; a refusal counts, and so does a stop."""
+    """Diagnose one recording, and compare it with its recipe; refusals and stops count too."""
     answer = answer_of(recipe, file, kept)
     verdict = next((word for word in ("refused", "stopped") if word in answer), "")
     found = {"verdict": verdict, "reason": answer[verdict]} if verdict else answer["channels"][0]

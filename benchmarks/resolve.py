@@ -1,20 +1,20 @@
-"""How many probes `palpate resolve` needs.
+"""Count the probes that `palpate resolve` needs.
 
     python benchmarks/resolve.py --find 300 --seed 61000 --cases cases.jsonl
     python benchmarks/resolve.py --cases cases.jsonl [--first 12] [--out FILE]
 
-`--find` hides one effect after the other in the simulated arm's world, at a random place, 1.5 to 10 times the
-noise floor, runs the short probe (two presses at 90 mm/s), and keeps what it leaves undecided in the channel
-in which the effect is: an answer that is a group, or structure without a name. Then each case is resolved in
-that channel with at most three more probes (`--probes`).
+`--find` hides one effect after the other in the simulated arm's world, at a random place, with 1.5 to 10
+times the noise floor. It runs the short probe (two presses at 90 mm/s), and keeps the cases that remain
+undecided in the channel of the effect: the answer is a group of effects, or the error is unexplained. Then
+each case is resolved in that channel with at most three more probes (`--probes`).
 
 Separated: the hidden effect, and nothing else, is named. Wrong: one other explanation is named.
 
     python benchmarks/resolve.py --check FILE
 
-says of each case in FILE that ended with "inseparable" whether that is so. Every experiment that the arm can
-do is run in the world in which the effect is hidden, and all that is left is fitted to all of it together:
-inseparable are laws of which none leaves 5 % more than another, what was hidden among them.
+checks each case in FILE that ended with "inseparable". All experiments that the arm can do are run in the
+world in which the effect is hidden, and the remaining laws are fitted to all data together. They are
+inseparable if none leaves 5 % more error than another, and if the hidden effect is one of them.
 """
 
 import json
@@ -47,17 +47,17 @@ from palpate.workflows.resolve import ProbeDecision, StopReason, resolve
 
 SHORT = ProbingPlan(speeds_m_s=(0.09,), repeats=2, hold_s=0.3)
 WEAKEST, STRONGEST = 1.5, 10.0  # times the noise floor
-SAME = {"force_deadband": "deadband"}  # what the simulator calls an effect that was found
+SAME = {"force_deadband": "deadband"}  # the estimator's names of the simulator's effects
 
 
 def drawable_effects() -> list[str]:
-    """Effects that some channel of a probing run shows."""
+    """List the effects that some channel of a probing run shows."""
     channels = set(noise_scale(Scenario()).channels)
     return [name for name, kind in IMPERFECTIONS.items() if channels & set(kind.shows_in)]
 
 
 def screen_case(effect: str, seed: int) -> dict[str, Any] | None:
-    """A case that the short probe leaves undecided; None if it decides."""
+    """Return a case that the short probe leaves undecided; None if it decides."""
     rng, scale = np.random.default_rng([seed, 77]), noise_scale(Scenario())
     kind = IMPERFECTIONS[effect]
     places = [channel for channel in scale.channels if channel in kind.shows_in]
@@ -76,7 +76,7 @@ def screen_case(effect: str, seed: int) -> dict[str, Any] | None:
 
 
 def resolve_case(probes: int, case: dict[str, Any]) -> dict[str, Any]:
-    """One case, resolved."""
+    """Resolve one case."""
     begun = time.perf_counter()
     decisions: list[ProbeDecision] = []
     with TemporaryDirectory() as folder, threadpool_limits(1):
@@ -104,7 +104,7 @@ def resolve_case(probes: int, case: dict[str, Any]) -> dict[str, Any]:
 
 
 def is_inseparable(done: dict[str, Any]) -> bool:
-    """Whether all experiments together leave what a case ended with, and what was hidden is among that."""
+    """Return whether all experiments together leave the same laws, and the hidden effect is one of them."""
     left = _by_estimators_names(done["left"])
     if not left or not all(done["hidden"]["effect"] in group for group in left):
         return False
@@ -149,7 +149,7 @@ def report(done: Sequence[dict[str, Any]]) -> None:
 
 
 def check(results: Path) -> None:
-    """Print what is inseparable in truth."""
+    """Print which cases are truly inseparable."""
     for line in results.read_text(encoding="utf-8").splitlines():
         done = json.loads(line)
         if done["end"] == StopReason.INSEPARABLE:

@@ -1,15 +1,14 @@
-"""Judges the diagnosis on cases from a second world, whose author had read only the vocabulary.
+"""Judge the diagnosis on cases from a second world, whose author had read only the vocabulary.
 
     python benchmarks/second_world.py [--sample N] [--seed S] [--kind contact|revolute] [--processes 2]
                                       [--case NUMBER] [--removed] [--out FILE [--resume]]
     python benchmarks/second_world.py --table FILE
 
-Some 250 cases: nothing hidden, one effect at 3, 10 or 30 floors, two effects, and laws outside the
-vocabulary. A floor is the RMS that noise of effort and position make; a strength is the RMS of what
-the simple model cannot mimic. A case follows from seed and number. `--out` writes one JSON line a case, of
-which `--table` makes the tables again.
-With `--removed` the cases with one effect are diagnosed by a library that lacks it and every law that
-contains it: the right verdict is unexplained.
+There are some 250 cases: nothing hidden, one effect at 3, 10 or 30 floors, two effects, and laws outside the
+vocabulary. A floor is the RMS error that noise of effort and position causes. A strength is the RMS of what
+the simple model cannot mimic. Seed and number determine a case. `--out` writes one JSON line for each case,
+from which `--table` makes the tables again. With `--removed`, the cases with one effect are diagnosed with a
+library that lacks this effect and every law that contains it: the right verdict is unexplained.
 """
 
 from dataclasses import replace
@@ -21,7 +20,7 @@ from second_generator.judge import CaseOutcome, by_effect, from_record, run, tab
 
 
 def read(path: Path) -> list[CaseOutcome]:
-    """Outcomes of an earlier run."""
+    """Read the outcomes of an earlier run."""
     return [from_record(line) for line in path.read_text().splitlines()]
 
 

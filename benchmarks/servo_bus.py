@@ -1,11 +1,11 @@
-"""What the drivers of serial servos cost beside a loop that only moves the same bytes.
+"""Compare the time of the serial servo drivers with that of a loop that only moves the same bytes.
 
 Run: python benchmarks/servo_bus.py [ticks, default 5000]
 
 An emulated arm answers one tick of each driver. A socket in place of the port then serves this answer again
-in every tick, so that the emulator's time is not in it. The bare loop writes the request, waits for the
+in every tick, so that the emulator's time is not counted. The bare loop writes the request, waits for the
 answer, unpacks it, and writes the goals; it checks nothing. The bus polls, decodes, checks, stages and
-flushes. Both run by turns, and the 20th percentile of the ticks counts, so that other load meets both alike.
+flushes. Both run in turn, and the 20th percentile of the ticks counts, so that other load affects both alike.
 """
 
 import os
@@ -37,7 +37,7 @@ TICK_S, WARM_UP, ROUNDS = 5e-3, 20, 20
 
 @contextmanager
 def emulated_robot(file: Path) -> Iterator[tuple[Robot, SimulatedClock]]:
-    """Yield an active robot whose devices are emulated in lock-step with a clock, which takes no time."""
+    """Yield an active robot whose devices are emulated in lock-step with a clock that takes no time."""
     clock = SimulatedClock()
     arm = wire_up(load_robot_file(file), load_scenario("default"), clock)
     try:
@@ -80,7 +80,7 @@ class ReplayedPort:
         self._port.write = self.write  # type: ignore[method-assign]
 
     def write(self, data: bytes) -> None:
-        """Send bytes; a request is answered at once, in time that is not counted."""
+        """Send bytes; a request is answered at once, and this time is not counted."""
         self._write(data)
         begun_s = perf_counter()
         os.read(self._far_fd, 4096)
@@ -102,7 +102,7 @@ class ReplayedPort:
         self.write(self._goals)
 
     def measure(self, ticks: int, tick: Callable[[], object]) -> list[float]:
-        """Durations of ticks, without what answers them [us]."""
+        """Return the durations of ticks without the time of the answers [us]."""
         times_us = []
         for _ in range(WARM_UP + ticks):
             self.spent_s, begun_s = 0.0, perf_counter()
@@ -119,7 +119,7 @@ class ReplayedPort:
 
 
 def main() -> None:
-    """Measure all kinds in turn, several times, and print a line each."""
+    """Measure all kinds in turn, several times, and print one line for each."""
     ticks = (int(sys.argv[1]) if len(sys.argv) > 1 else 5000) // ROUNDS
     times: dict[tuple[str, bool], list[float]] = defaultdict(list)
     with ExitStack() as stack:

@@ -1,12 +1,12 @@
-"""A joint effect hidden in a MuJoCo model, found, exported to the nominal MJCF, and replayed there.
+"""Hide a joint effect in a MuJoCo model, find it, export it to the nominal MJCF, and replay it there.
 
 Each case hides one effect in a two-joint arm by MuJoCo's own means, records motions of it, lets palpate
 diagnose four of them, writes what was found into the nominal MJCF, and predicts the torques of a fifth motion
-by MuJoCo's inverse dynamics. The error there should be the one that the fit promised. Then the nominal and
+by MuJoCo's inverse dynamics. This error should equal the held-out error of the fit. Then the nominal and
 the patched arm move under the commands of the fifth motion (desired positions and velocities, for the same
-feedback), and their positions are compared with those recorded. Nothing of palpate's simulator takes part.
+feedback), and their positions are compared with those recorded. palpate's simulator is not used.
 
-    python benchmarks/simulator_round_trip.py            # all ten, with a diagnosis each
+    python benchmarks/simulator_round_trip.py            # all ten cases, each with a diagnosis
     python benchmarks/simulator_round_trip.py payload    # one of them
 """
 
@@ -25,7 +25,7 @@ from palpate import Study
 from palpate.robot_io.types import FloatArray
 
 STEP_S = 1e-3
-EVERY = 2  # steps a recorded sample
+EVERY = 2  # simulation steps per recorded sample
 SECONDS = 6.0
 NOISE_NM = 0.02
 RUNS = 5  # the last is only replayed
@@ -42,7 +42,7 @@ class ExportCase:
 
     hide: Callable[[mujoco.MjSpec], None]
     channel: str
-    effects: tuple[str, ...]  # that are in it
+    effects: tuple[str, ...]  # effects in it
 
 
 def _on_joint(joint: int, effects: str, **values: object) -> ExportCase:
@@ -85,7 +85,7 @@ CASES: Mapping[str, ExportCase] = {
 
 @dataclass(frozen=True)
 class RoundTrip:
-    """What came of one case; errors are root mean squares over both joints [N m], of motion [rad]."""
+    """Result of one case; errors are root mean squares over both joints [N m], those of motion [rad]."""
 
     found: Mapping[str, Sequence[str]]  # effects that the exported models have, by channel
     nominal: float  # of the nominal MJCF on the last run
@@ -96,12 +96,12 @@ class RoundTrip:
 
     @property
     def is_preserved(self) -> bool:
-        """Whether the promise was kept within 5 %."""
+        """Whether the error after the export is within 5 % of the held-out error."""
         return self.replayed <= 1.05 * self.promised
 
 
 def nominal_spec() -> mujoco.MjSpec:
-    """The arm as MuJoCo reads its URDF, with a motor at each joint."""
+    """Return the arm as MuJoCo reads its URDF, with a motor at each joint."""
     spec = mujoco.MjSpec.from_string(URDF)
     spec.option.timestep = STEP_S
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -113,9 +113,10 @@ def nominal_spec() -> mujoco.MjSpec:
 
 
 def record(model: mujoco.MjModel, seed: int) -> FloatArray:
-    """Follow three sines a joint by feedback.
+    """Follow three sines per joint by feedback.
 
-    The commands (desired positions and velocities) depend on the seed alone: two arms can be given the same.
+    The commands (desired positions and velocities) depend only on the seed, so that two arms can get the
+    same.
 
     Args:
         model: the arm.
@@ -146,7 +147,7 @@ def record(model: mujoco.MjModel, seed: int) -> FloatArray:
 
 
 def replay(model: mujoco.MjModel, run: FloatArray) -> FloatArray:
-    """Error of the controls that MuJoCo's inverse dynamics expects, shape (n, 2) [N m].
+    """Return recorded minus expected controls by MuJoCo's inverse dynamics, shape (n, 2) [N m].
 
     Args:
         model: the arm, whose motors are its actuators.
@@ -166,7 +167,7 @@ def round_trip(case: ExportCase, folder: Path, *, diagnose: bool) -> RoundTrip:
     Args:
         case: the hidden effect.
         folder: for files.
-        diagnose: let palpate find the effects; otherwise add those of the case.
+        diagnose: whether palpate finds the effects; otherwise those of the case are added.
     """
     hidden = nominal_spec()
     case.hide(hidden)

@@ -1,12 +1,12 @@
-"""Probes for hours through emulated buses, with faults at random times, and checks every value served as OK.
+"""Probe for hours through emulated buses with random faults, and check every value that is served as OK.
 
     python benchmarks/soak.py [--hours H] [--seed S] [--robot NAME]
 
-Frames are dropped, late, doubled, damaged or lose a byte, and devices restart. Each probing run is one of a
-robot of `robots/`, on simulated time. A position or force that is served as OK must be what was true at
-the time that it bears. The guard may stop a run only after a fault; a run without a fault must end by
-itself. The memory of the process must not grow after the first tenth. What is wrong is printed
-at once; Ctrl-C ends with a summary of the time so far.
+Frames are dropped, late, duplicated, damaged or lose a byte, and devices restart. Each probing run uses a
+robot of `robots/`, on simulated time. A position or force that is served as OK must equal the true value at
+its time stamp. The guard may stop a run only after a fault; a run without a fault must finish. The memory of
+the process must not grow after the first tenth of the time. Errors are printed at once; Ctrl-C ends with a
+summary so far.
 """
 
 import gc
@@ -38,17 +38,17 @@ from palpate.sim_backend.emulators import Fault, FaultKind, Faults
 from palpate.sim_backend.emulators.wiring import WiredArm, wire_up
 from palpate.sim_backend.scenario import load_scenario
 
-SPEEDS_M_S = {"so101": 0.03}  # what its servos can follow; the others probe at 0.1 m/s
+SPEEDS_M_S = {"so101": 0.03}  # speed that its servos can follow; the others probe at 0.1 m/s
 KINDS = tuple(FaultKind[name] for name in ("DROP", "DELAY", "DUPLICATE", "CORRUPT", "LOSE", "REBOOT"))
 ON_BYTES_ONLY = {FaultKind.LOSE}  # no CAN frame survives it
-FAULTY = 0.7  # of the runs
-LATEST_S = 8.0  # after the start of a run
+FAULTY = 0.7  # share of the runs with faults
+LATEST_S = 8.0  # latest fault after the start of a run
 TOLERANCE_RAD, TOLERANCE_N = 0.02, 2.0  # 1 % of the sensor's capacity, and what it moves meanwhile
-SETTLED_S = 0.05  # from the start: the plant is not yet known at the time of the first samples
+SETTLED_S = 0.05  # after the start; the true state is not yet recorded at the times of the first samples
 
 
 class TruthLog:
-    """What was true of late, for a sample to be held against."""
+    """Recent true states, with which samples are compared."""
 
     def __init__(self, arm: WiredArm) -> None:
         self._plant = arm.plant
@@ -58,7 +58,7 @@ class TruthLog:
         self.checked = 0
 
     def check(self, measurement: Measurement, output: TaskOutput) -> Estimates:
-        """Note what is true now, and hold what is served as OK against what was; estimates nothing."""
+        """Record the true state, and compare values served as OK with past states; return no estimates."""
         truth = self._plant.world.truth()
         self._states.appendleft((truth.time_s, [*truth.joint_position_rad.tolist(), self._plant.force[0]]))
         if len(self._states) < 3 or truth.time_s - self._states[-1][0] < SETTLED_S:
@@ -90,7 +90,7 @@ class TruthLog:
 
 @dataclass
 class Tally:
-    """What came of all runs."""
+    """Results of all runs."""
 
     simulated_s: float = 0.0
     runs: Counter[str] = field(default_factory=Counter)
@@ -100,7 +100,7 @@ class Tally:
 
 
 def faults_of(bus_driver: str, rng: np.random.Generator) -> list[Fault]:
-    """Up to three faults of one bus at random times."""
+    """Draw up to three faults of one bus at random times."""
     on_can = "can" in bus_driver
     kinds = [kind for kind in KINDS if not (on_can and kind in ON_BYTES_ONLY)]
     faults = []
@@ -114,7 +114,7 @@ def faults_of(bus_driver: str, rng: np.random.Generator) -> list[Fault]:
 
 
 def probe(name: str, rng: np.random.Generator, tally: Tally) -> None:
-    """One probing run of a robot."""
+    """Probe once with a robot."""
     robot_file, clock = load_robot_file(ROBOTS / f"{name}.yaml"), SimulatedClock()
     seed = int(rng.integers(2**32))
     faulty = rng.random() < FAULTY
@@ -154,13 +154,13 @@ def probe(name: str, rng: np.random.Generator, tally: Tally) -> None:
 
 
 def resident_mb() -> float:
-    """Memory of this process [MB]."""
+    """Return the resident memory of this process [MB]."""
     gc.collect()
     return float(psutil.Process().memory_info().rss) / 1e6
 
 
 def main() -> None:
-    """Probe for the time asked for."""
+    """Probe for the requested time."""
     known = sorted(path.stem for path in ROBOTS.glob("*.yaml") if ".dh" not in path.name)
     parser = arguments(__doc__)
     parser.add_argument("--hours", type=float, default=8.0, help="of simulated time")

@@ -1,9 +1,9 @@
-"""Leader and follower on two machines, as network namespaces, over a network that delays, jitters and loses.
+"""Run leader and follower in two network namespaces, over a network with delay, jitter and packet loss.
 
 python benchmarks/teleop_network.py [--delay-ms 500] [--jitter-ms 20] [--loss 0.2] [--over udp|tcp]
 
-Two network namespaces, whose only connection is a relay of IP packets that delays, jitters and loses whole
-packets, as netem does where the kernel has it. Real zenoh, real TCP or UDP. Needs root and /dev/net/tun.
+The only connection of the namespaces is a relay that delays and drops IP packets, as netem does if the kernel
+has it. zenoh, TCP and UDP are real. Needs root and /dev/net/tun.
 """
 
 import ctypes
@@ -44,11 +44,11 @@ _DEVICE, _MOST_BYTES = "link0", 65536
 
 @dataclass(frozen=True)
 class LinkFaults:
-    """What the relay does to packets, each way."""
+    """Faults of the relay, in each direction."""
 
     delay_s: float
     jitter_s: float  # largest additional delay, uniformly distributed; packets may overtake each other
-    loss: float  # share of packets that never come, independently
+    loss: float  # share of packets that are lost, independently
 
     def __str__(self) -> str:
         return f"{1e3 * self.delay_s:.0f} ms + {1e3 * self.jitter_s:.0f} ms, {100 * self.loss:.0f} %"
@@ -56,10 +56,10 @@ class LinkFaults:
 
 @contextmanager
 def namespaces(faults: LinkFaults, seed: int = 0) -> Iterator[tuple[str, ...]]:
-    """Both namespaces, with the relay between them, as long as the context is open.
+    """Keep both namespaces, with the relay between them, while the context is open.
 
     Raises:
-        OSError, subprocess.CalledProcessError: this is not permitted here.
+        OSError, subprocess.CalledProcessError: this machine does not permit it.
     """
     context = get_context("fork")
     ready, relay = context.Event(), None
@@ -88,7 +88,7 @@ def _ip(*words: str) -> None:
 
 
 def _device(name: str) -> int:
-    """A tun device in the namespace; the calling process moves there."""
+    """Create a tun device in a namespace, to which the calling process moves."""
     with Path("/run/netns", name).open("rb") as namespace:
         if ctypes.CDLL(None, use_errno=True).setns(namespace.fileno(), _CLONE_NEWNET):
             raise OSError(ctypes.get_errno(), f"no way into the namespace {name}")
@@ -113,12 +113,12 @@ def _relay(faults: LinkFaults, seed: int, ready) -> None:  # noqa: ANN001
                 heapq.heappush(under_way, (arrives_s, next(numbers), opposite, packet))
         while under_way and under_way[0][0] <= time.monotonic():
             _, _, device, packet = heapq.heappop(under_way)
-            with suppress(OSError):  # the other side is not up yet
+            with suppress(OSError):  # the other side has not started yet
                 os.write(device, packet)
 
 
 def main() -> None:
-    """Run both, and say what was felt."""
+    """Run both sides, and print the felt force."""
     parser = arguments(__doc__)
     parser.add_argument("--delay-ms", type=float, default=0.0)
     parser.add_argument("--jitter-ms", type=float, default=0.0)
@@ -141,7 +141,7 @@ def main() -> None:
 
 
 def run(folder: Path, over: str) -> MergedSessions:
-    """Both sides until they end."""
+    """Run both sides until they end."""
     operator = folder / "operator.yaml"
     operator.write_text(yaml.safe_dump(script(0.05, last_s=45.0)))
     write_worlds(folder, load_scenario("stiff"))

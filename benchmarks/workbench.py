@@ -1,10 +1,10 @@
-"""Measures the workbench page in Chromium: from tick to new curves, ready time, memory, a thousand ticks.
+"""Measure the workbench page in Chromium: time from tick to new curves, start time, memory, many ticks.
 
     python benchmarks/workbench.py [--session FILE] [--ticks 1000] [--chromium PATH]
 
-Without --session a minute at 1 kHz of a simulated arm of three joints with contact is probed first. A tick
-ends when the error in held-out runs and the curves have changed in the browser, at its next frame.
-Measured are effects that the page has fitted ahead, as after a few seconds of looking, and others at once.
+Without --session, a simulated arm with three joints first probes for a minute at 1 kHz. A tick ends when the
+error in held-out runs and the curves have changed in the browser, at its next frame. Some ticked effects were
+fitted ahead by the page, as after a few seconds of looking; others are ticked at once.
 """
 
 import os
@@ -24,8 +24,8 @@ from playwright.sync_api import ConsoleMessage, Page, TimeoutError, sync_playwri
 from palpate.robot_io.types import FloatArray
 
 MOST_S = 120.0
-PATIENCE_MS = 20_000.0  # for each effect to be fitted ahead
-MINUTE = ("--hidden", "cubic_stiffness", "--seed", 3, "--repeats", 9)  # of a press with something hidden
+PATIENCE_MS = 20_000.0  # time for each effect to be fitted ahead
+MINUTE = ("--hidden", "cubic_stiffness", "--seed", 3, "--repeats", 9)  # of a press with a hidden effect
 EFFECTS = (
     *("cubic_stiffness", "stress_relaxation", "plastic_set", "adhesion", "drift", "quadratic_damping"),
     *("dry_friction", "hunt_crossley", "tool_compliance", "layered_stiffness", "bias", "saturation"),
@@ -38,7 +38,7 @@ _TICK, _RAW = (
 
 @contextmanager
 def served(command: Sequence[str], port: int, folder: Path) -> Iterator[psutil.Process]:
-    """A server of this machine, until the context ends."""
+    """Run a server on this machine until the context ends."""
     process = subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL)
     try:
         while socket.socket().connect_ex(("127.0.0.1", port)):
@@ -50,13 +50,13 @@ def served(command: Sequence[str], port: int, folder: Path) -> Iterator[psutil.P
 
 
 def megabytes(process: psutil.Process) -> float:
-    """Resident memory of a process and all below it."""
+    """Return the resident memory of a process and all its descendants [MB]."""
     every = (process, *process.children(recursive=True))
     return float(sum(member.memory_info().rss for member in every)) / 1e6
 
 
 def browser_megabytes(page: Page) -> float:
-    """Heap of the page's script that is in use, once rubbish is collected."""
+    """Return the used heap of the page's script after garbage collection [MB]."""
     asked = page.context.new_cdp_session(page)
     asked.send("HeapProfiler.collectGarbage")
     used = float(asked.send("Runtime.getHeapUsage")["usedSize"]) / 1e6
@@ -65,14 +65,14 @@ def browser_megabytes(page: Page) -> float:
 
 
 def free_port() -> int:
-    """A port that nobody has."""
+    """Return an unused port."""
     with socket.socket() as tried:
         tried.bind(("127.0.0.1", 0))
         return int(tried.getsockname()[1])
 
 
 def ticks(page: Page, effects: Sequence[str], pause_s: float) -> FloatArray:
-    """Milliseconds from each tick on and off to new curves, and to those of the fit, shape (ticks, 2)."""
+    """Return the times from ticks to new curves, and to those of the fit, shape (ticks, 2) [ms]."""
     durations = []
     for effect in effects:
         for _ in range(2):
@@ -82,7 +82,7 @@ def ticks(page: Page, effects: Sequence[str], pause_s: float) -> FloatArray:
 
 
 def is_ranked(page: Page, effect: str) -> bool:
-    """Whether the page has fitted an effect ahead; a busy machine may not come to it in time."""
+    """Return whether the page has fitted an effect ahead; a busy machine may be too slow."""
     try:
         page.wait_for_selector(f'[data-effect="{effect}"] .evidence span', timeout=PATIENCE_MS)
     except TimeoutError:
@@ -91,14 +91,14 @@ def is_ranked(page: Page, effect: str) -> bool:
 
 
 def print_times(what: str, times_ms: FloatArray) -> None:
-    """Print median and 95th percentile of ticks (ticks, 2), for the first look and for the fit."""
+    """Print median and 95th percentile of ticks (ticks, 2), for the preview and for the fit."""
     for label, column in zip(("new curves", "the fit"), times_ms.T, strict=True):
         median, high = np.median(column), np.quantile(column, 0.95)
         print(f"{what}, {label}: median {median:.0f} ms, p95 {high:.0f} ms ({len(column)} ticks)", flush=True)
 
 
 def measure_workbench(page: Page, session: Path, folder: Path, count: int) -> None:
-    """The page of palpate."""
+    """Measure the page of palpate."""
     raw_at_s: list[float] = []
 
     def heard(said: ConsoleMessage) -> None:
@@ -135,7 +135,7 @@ def measure_workbench(page: Page, session: Path, folder: Path, count: int) -> No
 
 
 def main() -> None:
-    """Measure."""
+    """Run the measurements."""
     parser = arguments(__doc__)
     parser.add_argument("--session", type=Path)
     parser.add_argument("--ticks", type=int, default=1000)

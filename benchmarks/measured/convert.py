@@ -4,9 +4,9 @@
     python benchmarks/measured/convert.py NAME --from REPOSITORY --to FOLDER
 
 Writes FOLDER/import.csv.gz. A recipe (recipes/NAME.yaml) names origin, commit, files, columns, the expected
-answer and the least-squares ladder of benchmarks/measured/ladder.py that it rests on. Files are read from
-the recipe's commit where --from is a git repository, bare or not, else from the folder. Whether a recording
-is developed on or held out follows from its recipe alone, see `split_of`.
+answer and the result of benchmarks/measured/ladder.py on which the answer is based. If --from is a git
+repository, bare or not, files are read from the recipe's commit, otherwise from the folder. The recipe alone
+determines whether a recording is used for development or held out, see `split_of`.
 """
 
 import bz2
@@ -43,10 +43,10 @@ SPLITS = ("develop", "held_out")
 
 
 def split_of(recipe: Mapping[str, Any]) -> str:
-    """Part that a recording belongs to.
+    """Return the split of a recording.
 
-    It is the recipe's `split`, where there is one: the recordings that were collected last are all held
-    out. Else it is `develop` if the last hex digit of the name's SHA-256 is even.
+    It is the recipe's `split` if there is one: the recordings that were collected last are all held out.
+    Otherwise it is `develop` if the last hex digit of the name's SHA-256 is even.
     """
     by_name = SPLITS[int(hashlib.sha256(recipe["name"].encode()).hexdigest()[-1], 16) % 2]
     return str(recipe.get("split", by_name))
@@ -76,7 +76,7 @@ class Origin:
         return subprocess.run(command, check=True, capture_output=True).stdout
 
     def names(self) -> list[str]:
-        """Paths of all files, relative to the repository."""
+        """Return the paths of all files, relative to the repository."""
         if self._git is None:
             files = filter(Path.is_file, self._folder.rglob("*"))
             return [path.relative_to(self._folder).as_posix() for path in files]
@@ -84,7 +84,7 @@ class Origin:
         return listing.decode("utf-8", "surrogateescape").rstrip("\0").split("\0")
 
     def read(self, path: str) -> bytes:
-        """Content of one file; what is packed by gzip is unpacked."""
+        """Return the content of one file, unpacked if it is compressed by gzip."""
         file, in_git = self._folder / path, f"{self._commit}:{path}"
         content = file.read_bytes() if self._git is None else self._run("show", in_git)
         return gzip.decompress(content) if path.endswith(".gz") else content
@@ -98,7 +98,7 @@ def _number(cell: str, decimal: str) -> float:
 
 
 def _named(rows: NDArray[np.float64], names: list[str]) -> Columns:
-    """Columns by their number and by their name."""
+    """Return columns by number and by name."""
     columns = {str(i): column for i, column in enumerate(rows.T)}
     named = zip(names, rows.T, strict=False)
     return columns | {name.strip().strip('"'): column for name, column in named if name.strip()}
@@ -107,10 +107,10 @@ def _named(rows: NDArray[np.float64], names: list[str]) -> Columns:
 def read_text(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     """Read a text table.
 
-    Options: `delimiter` (default: blanks), `skip` lines ahead of the numbers (the last of them holds the
-    names), `decimal` mark, `encoding`, `key`: number of the column that must hold a number, `width`:
-    lines of a row where it is written on several, `transpose`: each line holds a column, `blanks`:
-    characters that count as blanks, such as the brackets of arrays.
+    Options: `delimiter` (default: blanks), `skip` lines before the numbers (the last of them holds the
+    names), `decimal` mark, `encoding`, `key`: number of the column that must hold a number, `width`: number
+    of lines of a row, `transpose`: each line holds a column, `blanks`: characters that count as blanks, such
+    as the brackets of arrays.
 
     Returns:
         One table. Rows with fewer cells than the first, or with no number in the key column, are left out.
@@ -134,8 +134,8 @@ def read_text(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 def read_workbook(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     """Read sheets of an Excel file; `skip` as in `read_text`.
 
-    Options: `sheet`: number of the sheet (default 0), or `sheets`: pattern of the names of several, or a
-    list of names.
+    Options: `sheet`: number of the sheet (default 0), or `sheets`: pattern of sheet names, or a list of
+    them.
     """
     book = python_calamine.CalamineWorkbook.from_filelike(io.BytesIO(content))
     chosen = book.sheet_names[options.get("sheet", 0) :][:1]
@@ -155,24 +155,24 @@ def read_workbook(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 def read_matlab(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     """Read vectors and columns of matrices of a MATLAB file (up to version 7.2): `x`, `x.0`, `x.1` ...
 
-    A field of a structure is named after both, `s.x`; in an array of them or a cell, `s.0.x`, `s.1.x` ...
-    An array of three dimensions holds repeated readings; the mean over its last dimension is taken.
-    What objects hold, such as time series, is named by its number among all that the file's objects hold:
-    `objects.19`, `objects.19.0` ...
+    Field `x` of a structure `s` is named `s.x`; in an array of structures or a cell, `s.0.x`, `s.1.x` ...
+    An array of three dimensions holds repeated readings; the mean over its last dimension is taken. Contents
+    of objects, such as time series, are numbered over all objects of the file: `objects.19`,
+    `objects.19.0` ...
     """
     del options
     arrays = loadmat(io.BytesIO(content))
-    arrays.pop("None", None)  # stands for the objects and holds only where to find them
+    arrays.pop("None", None)  # a placeholder of the objects
     hidden = arrays.pop("__function_workspace__", None)
     return [_columns_of(arrays if hidden is None else arrays | {"objects": _objects(hidden.tobytes())})]
 
 
 def _objects(workspace: bytes) -> NDArray[np.object_]:
-    """What the objects of a MATLAB file hold, all in one cell.
+    """Return the contents of all objects of a MATLAB file in one cell.
 
     Args:
-        workspace: the file's hidden variable. It is a file itself, but for a short header: version, byte
-            order and four more bytes; then variables without names. The first of them holds the objects.
+        workspace: the file's hidden variable. It is itself a file: a short header (version, byte order,
+            four more bytes), then variables without names. The first of these holds the objects.
     """
     header = workspace[:4].rjust(128, b" ")
     order = "<" if workspace[2:4] == b"IM" else ">"
@@ -191,7 +191,7 @@ def read_numpy(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 
 
 def _columns_of(arrays: Mapping[str, Any]) -> Columns:
-    """Columns of all matrices of numbers, each turned upright; those of a structure by their field."""
+    """Return the columns of all numeric matrices, transposed if wide; those of structures by field."""
     columns: dict[str, NDArray[np.float64]] = {}
     for name, content in arrays.items():
         is_cell = isinstance(content, np.ndarray) and content.dtype == object and content.size == 1
@@ -201,7 +201,7 @@ def _columns_of(arrays: Mapping[str, Any]) -> Columns:
         elif value.dtype.names:
             for i, item in enumerate(value.ravel()):
                 columns |= _columns_of({f"{name}.{i}.{key}": item[key] for key in value.dtype.names})
-        elif value.dtype == object and value.ndim:  # else it is None, which stands for an empty structure
+        elif value.dtype == object and value.ndim:  # otherwise it is None, an empty structure
             for i, item in enumerate(value.ravel()):
                 columns |= _columns_of({f"{name}.{i}": item})
         elif value.dtype.kind in "fiu" and value.ndim in (2, 3) and value.size > 1:
@@ -222,7 +222,7 @@ _JPK_TYPES = {"short": ">i2", "short-data": ">i2", "integer": ">i4", "integer-da
 def _jpk_channel(
     archive: zipfile.ZipFile, segment: str, channel: str, shared: Mapping[str, str], last: str = ""
 ) -> NDArray[np.float64]:
-    """One channel of a segment after its conversion `last` (default: all): distance [m], force [N], volts."""
+    """Return a channel of a segment, converted up to `last` (default: fully), in m, N or V."""
     own = _properties(archive, f"{segment}segment-header.properties")
     number = own.get(f"channel.{channel}.lcd-info.*")
     prefix, header = (f"channel.{channel}.", own) if number is None else (f"lcd-info.{number}.", shared)
@@ -239,7 +239,7 @@ def _jpk_channel(
     names = header.get(f"{prefix}conversion-set.conversions.list", "").split()
     names = names[: names.index(last) + 1] if last in names else names
     done = {header.get(f"{prefix}conversion-set.conversions.base", "volts")}
-    for name in names:  # each starts from the result of one before it
+    for name in names:  # each starts from the result of an earlier one
         at = f"{prefix}conversion-set.conversion.{name}."
         if header.get(f"{at}defined", "true") == "false" or f"{at}scaling.multiplier" not in header:
             done.add(name)
@@ -286,9 +286,9 @@ def read_jpk(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 
 
 def read_trials(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
-    """Read a table of trials side by side; `names` are the columns of each (default `x` and `y`).
+    """Read a table with trials side by side; `names` are the columns of each (default `x` and `y`).
 
-    Options: `packed`: format of the table (default `text`); the others as this format takes them.
+    Options: `packed`: format of the table (default `text`), and the options of this format.
     """
     (table,) = READERS[options.get("packed", "text")](content, options)
     names = options.get("names", ["x", "y"])
@@ -301,10 +301,10 @@ def read_trials(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 
 
 def read_zip(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
-    """Read tables that are packed in one archive, sorted by name.
+    """Read the tables in an archive, sorted by name.
 
-    Options: `members`: pattern of the names of the tables; `packed`: their format (default `text`); the
-    others as this format takes them.
+    Options: `members`: pattern of the names of the tables; `packed`: their format (default `text`), and the
+    options of this format.
     """
     reader = READERS[options.get("packed", "text")]
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
@@ -313,12 +313,12 @@ def read_zip(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 
 
 def read_json(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
-    """Read numbers of a list of records, series of a list of graphs, lists of rows, or lists by their names.
+    """Read numbers from JSON: a list of records, series of graphs, lists of rows, or named lists.
 
     Options: `records`: key of the list of records, whose keys are the names; or `graphs`: key of a list
     of phases, and key of the series of a phase; the series of all phases are joined; or `tables`: keys of
-    the lists of rows, a table each, and `names` of their columns. Without them, each list of numbers is a
-    column. `under`: key of the part of the file that holds all this.
+    the lists of rows, one table each, and `names` of their columns. Without these options, each list of
+    numbers is a column. `under`: key of the part of the file that holds all this.
     """
     table = json.loads(content)
     if "under" in options:
@@ -347,7 +347,7 @@ _ROS_NUMBERS = {
 
 
 def _blocks(content: bytes) -> Iterator[bytes]:
-    """Parts of a ROS bag, each of which states its length ahead."""
+    """Yield the parts of a ROS bag, each of which begins with its length."""
     at = 0
     while at < len(content):
         (length,) = struct.unpack_from("<I", content, at)
@@ -356,12 +356,12 @@ def _blocks(content: bytes) -> Iterator[bytes]:
 
 
 def _bag_fields(content: bytes) -> dict[str, bytes]:
-    """Values of the fields of a header of a ROS bag by their names."""
+    """Return the values of a ROS bag header by field name."""
     return {key.decode(): value for key, _, value in (field.partition(b"=") for field in _blocks(content))}
 
 
 def _bag_records(content: bytes) -> Iterator[tuple[dict[str, bytes], bytes]]:
-    """Header fields and data of the records of a ROS bag, those in its chunks too."""
+    """Yield header fields and data of all records of a ROS bag, including those in its chunks."""
     blocks = _blocks(content)
     for header, data in zip(blocks, blocks, strict=True):
         fields = _bag_fields(header)
@@ -372,13 +372,13 @@ def _bag_records(content: bytes) -> Iterator[tuple[dict[str, bytes], bytes]]:
 
 
 def _ros_types(kind: str, definition: str) -> dict[str, list[tuple[str, str]]]:
-    """Types and names of the fields of a message and of those in it, by the last part of their type."""
+    """Return types and names of the fields of a message and of nested ones, by the last part of the type."""
     first, *others = re.split(r"^=+$", definition, flags=re.MULTILINE)
     types = {kind.rpartition("/")[2]: first}
     for other in others:
         head, _, body = other.strip().partition("\n")
         types[head.removeprefix("MSG: ").strip().rpartition("/")[2]] = body
-    # A constant has a "=" as well.
+    # Constants, which have a "=", do not match.
     field = re.compile(r"^\s*([\w/\[\]]+)[ \t]+(\w+)\s*(?:#.*)?$", re.MULTILINE)
     return {name: field.findall(body) for name, body in types.items()}
 
@@ -386,7 +386,7 @@ def _ros_types(kind: str, definition: str) -> dict[str, list[tuple[str, str]]]:
 def _ros_numbers(
     of: str, types: Mapping[str, list[tuple[str, str]]], data: bytes, at: int, name: str
 ) -> tuple[dict[str, float], int]:
-    """Numbers of a field of a message by their names, and where it ends; texts are left out."""
+    """Return the numbers in a message field by name, and the end of the field; texts are skipped."""
     array = re.fullmatch(r"(.+)\[(\d*)\]", of)
     if array:
         count, at = (int(array[2]), at) if array[2] else (struct.unpack_from("<I", data, at)[0], at + 4)
@@ -409,9 +409,9 @@ def _ros_numbers(
 
 
 def read_bag(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
-    """Read the numbers of one topic of a ROS 1 bag by their names, as `wrench.force.x` or `position.0`.
+    """Read the numbers of one topic of a ROS 1 bag by name, such as `wrench.force.x` or `position.0`.
 
-    Its chunks are packed by bz2 or not at all. Options: `topic`.
+    Its chunks must be uncompressed or compressed by bz2. Options: `topic`.
 
     Raises:
         FileNotFoundError: the bag has no message of this topic; the text lists its topics.
@@ -439,10 +439,10 @@ def read_bag(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 
 
 def read_binary(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
-    """Read numbers of one type, one after the other: `0`, `1` ...
+    """Read consecutive numbers of one type: `0`, `1` ...
 
-    Options: `type`: of the numbers, as NumPy names it (`>i2`); `skip`: bytes ahead of them; `count`: how
-    many numbers there are (default: all to the end); `per_row`: numbers of a row (default 1).
+    Options: `type`: NumPy's name of their type (`>i2`); `skip`: bytes before them; `count`: how many numbers
+    there are (default: all up to the end); `per_row`: numbers in a row (default 1).
     """
     kind = np.dtype(options["type"])
     numbers = np.frombuffer(content, kind, options.get("count", -1), options.get("skip", 0))
@@ -467,8 +467,8 @@ def read_quoted(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     Its first row holds the names. Options: `delimiter` (default: comma).
 
     Returns:
-        One table with the columns whose first cell is a number or a flat list in brackets. A cell that
-        differs from this stays without a number.
+        One table with the columns whose first cell is a number or a flat list in brackets. Cells of another
+        form become NaN.
     """
     text = io.StringIO(content.decode("utf-8-sig", "replace"), newline="")
     names, *rows = csv.reader(text, delimiter=options.get("delimiter", ","))
@@ -489,8 +489,8 @@ def read_quoted(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 def read_nid(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     """Read the curves of a NID file (AFM by Nanosurf): `FRAME.CHANNEL`, such as `Spec forward.Deflection`.
 
-    It has sections of text, `#!`, then the signed integers of all channels. Options: `frames`: those that are
-    read; they must have the same channels in each curve.
+    The file has sections of text, `#!`, then the signed integers of all channels. Options: `frames`: the
+    frames to read; they must have the same channels in each curve.
 
     Returns:
         A table for each curve, whose columns have as many rows as the shortest, from the file's first point.
@@ -538,13 +538,13 @@ READERS: dict[str, Reader] = {
 
 
 def _column(tables: Columns, spec: Mapping[str, Any], item: str, count: int) -> NDArray[np.float64]:
-    """One output column of `count` rows: factors times columns, or row numbers times `step`.
+    """Return an output column of `count` rows: factors times columns, or row numbers times `step`.
 
-    `zero` is the number of first samples whose mean is subtracted, or `mean` for that of all. `item` stands
-    for {} in the names of columns. `unwrap` is the period of an encoder that starts anew. `sines` adds the
-    links of a chain: the length of each times the sine of a phase plus factors times columns.
-    `signed_by` names the column whose sign the values take, where only their size was measured. Values of
-    at least `sign_bit` (in the output's unit) are negative: some servos report the size with this bit set.
+    `zero` is the number of first samples whose mean is subtracted, or `mean` to subtract the mean of all.
+    `item` replaces {} in the names of columns. `unwrap` is the period of an encoder that wraps. `sines` adds
+    the links of a chain: the length of each times the sine of a phase plus factors times columns.
+    `signed_by` names the column that gives the sign if only the magnitude was measured. Values of at least
+    `sign_bit` (in the output's unit) are negative: some servos report the magnitude with this bit set.
     """
     values: NDArray[np.float64] = np.arange(count, dtype=np.float64) * float(spec.get("step", 0.0))
     for name, factor in spec.get("sum", {}).items():
@@ -562,12 +562,12 @@ def _column(tables: Columns, spec: Mapping[str, Any], item: str, count: int) -> 
     zero = spec.get("zero")
     if zero is None:
         return values
-    first = values if zero == "mean" else values[: int(zero)]  # else the number of first samples
+    first = values if zero == "mean" else values[: int(zero)]  # otherwise the number of first samples
     return values - float(np.nanmean(first))
 
 
 def _files(recipe: Mapping[str, Any], origin: Origin) -> list[str]:
-    """Paths of the recipe's files in its order; a pattern stands for all that match, sorted by name."""
+    """Return the paths of the recipe's files in its order; a pattern gives all matches, sorted by name."""
     names = origin.names()
     paths: list[str] = []
     for pattern in recipe["read"]["files"]:
@@ -579,14 +579,13 @@ def _files(recipe: Mapping[str, Any], origin: Origin) -> list[str]:
 
 
 def _tables(recipe: Mapping[str, Any], origin: Origin) -> Iterator[list[Columns]]:
-    """Tables of each file, as `join`, `chain`, `each` and `restarts` make them.
+    """Yield the tables of each file, after `join`, `chain`, `order` and `restarts`.
 
-    `join`: names under which several files make one table, whose columns are NAME.COLUMN (NAME the first).
-    `apart`: options of those of these files that are read in another way. `clocks`: column with the time of
-    each of these files, and what to add to it [s]; their numbers are interpolated at the times of the first.
-    `backwards`: those of these files whose rows are read in reverse order. `chain`: columns that are made of
-    others, one below the other. `order`: the column by which the rows are sorted. `each`: texts that stand
-    for {} in the recipe's columns, a run each. `restarts`: the column that falls where a new run begins.
+    `join`: names of files that are joined into one table, with columns NAME.COLUMN (NAME is the first
+    column). `apart`: other options for some of these files. `clocks`: time column of each of these files, and
+    what to add to it [s]; all numbers are interpolated at the times of the first. `backwards`: those of these
+    files whose rows are read in reverse order. `chain`: columns that concatenate others. `order`: the column
+    by which the rows are sorted. `restarts`: the column that falls where a new run begins.
     """
     read, paths = recipe["read"], _files(recipe, origin)
     joined, apart = read.get("join", []), read.get("apart", {})
@@ -620,12 +619,12 @@ def _tables(recipe: Mapping[str, Any], origin: Origin) -> Iterator[list[Columns]
 
 
 def _rows(table: Columns, rows: Any) -> dict[str, NDArray[np.float64]]:  # noqa: ANN401
-    """Some rows of a table, as NumPy takes them."""
+    """Return the rows of a table that a NumPy index selects."""
     return {name: values[rows] for name, values in table.items()}
 
 
 def _on_one_clock(parts: Mapping[str, Columns], clocks: Mapping[str, Any]) -> dict[str, Columns]:
-    """Tables at the times of the first of them; a time that another has no part in stays without a number."""
+    """Interpolate tables at the times of the first one; NaN outside the times of a table."""
     times = {name: parts[name][str(clock)] + float(shift) for name, (clock, shift) in clocks.items()}
     first = next(iter(times.values()))
 
@@ -640,14 +639,16 @@ def _on_one_clock(parts: Mapping[str, Columns], clocks: Mapping[str, Any]) -> di
 
 
 def _split(table: Columns, clock: str) -> list[Columns]:
-    """Parts of a table between which its clock falls; rows without a time are left out."""
+    """Split a table where its clock falls back; rows without a time are omitted."""
     table = _rows(table, np.isfinite(table[clock]))
     edges = [0, *(np.flatnonzero(np.diff(table[clock]) < 0) + 1).tolist(), len(table[clock])]
     return [_rows(table, slice(*ends)) for ends in itertools.pairwise(edges)]
 
 
 def runs_of(recipe: Mapping[str, Any], origin: Origin) -> Iterator[Columns]:
-    """All runs of a recording.
+    """Yield all runs of a recording.
+
+    `each` lists texts that replace {} in the recipe's columns, one run each.
 
     Args:
         recipe: content of the recipe.
@@ -655,7 +656,7 @@ def runs_of(recipe: Mapping[str, Any], origin: Origin) -> Iterator[Columns]:
 
     Yields:
         Output columns of each run, decimated by block means of `every` rows. Runs with fewer rows than
-        `shortest` are left out.
+        `shortest` are omitted.
     """
     read = recipe["read"]
     for number, tables in enumerate(_tables(recipe, origin)):
@@ -675,7 +676,7 @@ def runs_of(recipe: Mapping[str, Any], origin: Origin) -> Iterator[Columns]:
 
 
 def _output(specs: Mapping[str, Any], table: Columns, item: str, file: int) -> dict[str, NDArray[np.float64]]:
-    """Output columns of one table, as `_column` makes them, or as one number `of_file` for each file."""
+    """Return the output columns of a table, made by `_column`, or constant with one number for each file."""
     named = [str(name).replace("{}", item) for spec in specs.values() for name in spec.get("sum", {})]
     count = len(table[named[0]] if named else next(iter(table.values())))  # others may have other lengths
     columns = {
@@ -689,8 +690,8 @@ def _output(specs: Mapping[str, Any], table: Columns, item: str, file: int) -> d
 
 
 def _kept(columns: Columns, read: Mapping[str, Any]) -> dict[str, NDArray[np.float64]]:
-    """Rows with all numbers, whose time is later than all before, and that are `within` ranges."""
-    time = columns["time_s"]  # it stands still where a row was written twice
+    """Return complete rows with increasing time and with values in the ranges of `within`."""
+    time = columns["time_s"]  # it repeats where a row was written twice
     kept = np.all([np.isfinite(values) for values in columns.values()], axis=0)
     kept &= np.concatenate([[True], time[1:] > np.maximum.accumulate(time)[:-1]])
     for name, (low, high) in read.get("within", {}).items():
@@ -699,7 +700,7 @@ def _kept(columns: Columns, read: Mapping[str, Any]) -> dict[str, NDArray[np.flo
 
 
 def _thin(columns: Columns, step: float) -> dict[str, NDArray[np.float64]]:
-    """Rows that are at least `step` [s] later than the one kept before."""
+    """Return rows that are at least `step` [s] later than the previous one that is kept."""
     kept: list[int] = []
     for i, time in enumerate(columns["time_s"]):
         if not kept or time - columns["time_s"][kept[-1]] >= step:
@@ -708,11 +709,11 @@ def _thin(columns: Columns, step: float) -> dict[str, NDArray[np.float64]]:
 
 
 def _find_surface(columns: dict[str, NDArray[np.float64]], sigmas: float) -> None:
-    """Count displacement from where the force first leaves that of the first tenth of the approach for good.
+    """Set the zero of the displacement to the surface, where the force finally exceeds its noise.
 
     Args:
-        columns: of one run, whose force becomes that above its mean in the first tenth of the approach.
-        sigmas: standard deviations of the force there that touch must exceed.
+        columns: columns of one run. The mean force in the first tenth of the approach is subtracted.
+        sigmas: threshold of the force, in standard deviations of that part.
     """
     x, force = columns["displacement_m"], columns["force_N"]
     peak = int(np.argmax(force))
@@ -732,12 +733,12 @@ def _decimate(columns: Columns, every: int) -> Columns:
 def convert(recipe: Mapping[str, Any], origin: Origin, folder: Path) -> int:
     """Write FOLDER/import.csv.gz; with `raw` in the recipe, also the origin's files into FOLDER/raw.
 
-    A recipe without columns keeps the origin's files alone.
+    A recipe without columns keeps only the origin's files.
 
     Args:
         recipe: content of the recipe.
         origin: the repository that it names.
-        folder: it is made where it does not exist.
+        folder: created if it does not exist.
 
     Returns:
         Number of rows.
@@ -764,7 +765,7 @@ def convert(recipe: Mapping[str, Any], origin: Origin, folder: Path) -> int:
 
 
 def main() -> None:
-    """Convert the recording that the command line names."""
+    """Convert the recording named on the command line."""
     parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     names = ", ".join(sorted(path.stem for path in RECIPES.glob("*.yaml")))
     parser.add_argument("name", help=names)

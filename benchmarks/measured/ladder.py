@@ -1,11 +1,11 @@
-"""Say by plain least squares what a converted recording is missing, with no part of palpate's engine.
+"""Find by plain least squares what a model of a converted recording lacks, without palpate's engine.
 
     python benchmarks/measured/ladder.py FILE.csv[.gz] --base stiffness damping [--steps 5] [--rows 2500]
 
-Every term is a column or a few of them, with a grid of its inner parameter. A run is predicted by what was
-fitted to the other runs (of one run: every fourth of twelve blocks of time by the others). Terms are added
-one after the other, the best first; each is also shown alone beside the base. Errors are root mean squares
-in the effort's unit.
+Each term is one or a few columns, with a grid of its inner parameter. Each run is predicted by a fit to the
+other runs (in a single run, every fourth of twelve blocks of time by a fit to the others). Terms are added
+one after the other, the best first; each is also shown alone beside the base. Errors are root mean squares in
+the effort's unit.
 """
 
 import itertools
@@ -40,17 +40,17 @@ class Signals:
     context: dict[str, Array]
 
     def runs(self) -> list[slice]:
-        """Rows of each run."""
+        """Return the rows of each run."""
         edges = [0, *(np.flatnonzero(np.diff(self.run)) + 1).tolist(), len(self.run)]
         return [slice(start, stop) for start, stop in itertools.pairwise(edges)]
 
     def by_run(self, build: Callable[[slice], Array]) -> Array:
-        """What a function makes of the rows of each run."""
+        """Apply a function to the rows of each run, and concatenate the results."""
         return np.concatenate([build(part) for part in self.runs()])
 
     @property
     def depth(self) -> Array:
-        """Depth of a contact, else position."""
+        """Depth of a contact, otherwise the position."""
         return np.maximum(self.x, 0.0) if self.contact else self.x
 
     @property
@@ -71,7 +71,7 @@ def _smooth(x: Array, t: Array, order: int, window: int) -> Array:
 
 
 def load(path: Path) -> Signals:
-    """Read a converted recording of one channel; velocity is derived where it was not measured."""
+    """Read a converted recording of one channel; velocity is derived if it was not measured."""
     rows = pd.read_csv(path)
     table = {name: column.to_numpy(np.float64) for name, column in rows.items()}
     x_name = next(name for name in table if name.startswith(("displacement", "position")))
@@ -89,7 +89,7 @@ def load(path: Path) -> Signals:
 
 
 def thin(s: Signals, rows: int) -> Signals:
-    """At most `rows` rows, evenly, of the first eight runs: terms with a memory are slow."""
+    """Return at most `rows` evenly spaced rows of the first eight runs, because memory terms are slow."""
     kept = np.flatnonzero(np.isin(s.run, np.unique(s.run)[:8]))
     kept = kept[:: math.ceil(len(kept) / rows)]
     context = {name: values[kept] for name, values in s.context.items()}
@@ -103,7 +103,7 @@ def _power(s: Signals, exponent: float) -> Array:
 
 
 def _dahl(s: Signals, path: float) -> Array:
-    """State of presliding friction: it turns over `path` (share of the range) after each reversal."""
+    """Return the state of presliding friction, which changes sign over `path` (share of the range)."""
     scale = path * s.size
 
     def turned(part: slice) -> Array:
@@ -118,7 +118,7 @@ def _dahl(s: Signals, path: float) -> Array:
 
 
 def _play(s: Signals, half: float) -> Array:
-    """Position less what follows it with a play of `half` (share of the range): spring and stops."""
+    """Return the position minus its follower with a play of `half` (share of the range): spring and stops."""
     width = half * s.size
 
     def lost(part: slice) -> Array:
@@ -133,7 +133,7 @@ def _play(s: Signals, half: float) -> Array:
 
 
 def _relaxed(elastic: Array, s: Signals, tau: float) -> Array:
-    """Maxwell branch of an elastic column: dz/dt = d(elastic)/dt - z/tau."""
+    """Return the Maxwell branch of an elastic column: dz/dt = d(elastic)/dt - z/tau."""
 
     def branch(part: slice) -> Array:
         t, e = s.t[part], elastic[part]
@@ -147,13 +147,13 @@ def _relaxed(elastic: Array, s: Signals, tau: float) -> Array:
 
 
 def _held_max(s: Signals, share: float) -> Array:
-    """Spring whose zero has moved by `share` of the deepest indentation so far in its run."""
+    """Return a spring whose zero has moved by `share` of the deepest indentation so far in its run."""
     deepest = s.by_run(lambda part: np.maximum.accumulate(s.depth[part]))
     return np.maximum(s.depth - share * deepest, 0.0) / s.size
 
 
 def _neck(s: Signals, reach: float) -> Array:
-    """Adhesion: zero before touch, one below the surface, fading over `reach` (share) above it."""
+    """Return adhesion: zero before touch, one below the surface, decaying over `reach` above it."""
     touched = s.by_run(lambda part: np.maximum.accumulate(s.x[part] > 0).astype(float))
     return np.asarray(touched * np.exp(np.minimum(s.x, 0.0) / (reach * s.size)), dtype=np.float64)
 
@@ -188,7 +188,7 @@ TERMS: dict[str, Term] = {
     "spline": Term("elastic_shape", _spline),
     "damping": Term("rate_dependence", lambda s, p: np.where(s.x > 0, s.v, 0.0) if s.contact else s.v),
     "quadratic_rate": Term("rate_dependence", lambda s, p: s.v * np.abs(s.v)),
-    # dry: it turns at once, and grows by less than the speed
+    # dry friction: changes sign at once, and grows more slowly than the speed
     "root_rate": Term("friction", lambda s, p: np.sign(s.v) * np.abs(s.v / s.speed) ** p, (0.25, 0.5)),
     "depth_rate": Term("rate_dependence", lambda s, p: s.depth * s.v),
     "coulomb": Term("friction", lambda s, p: np.tanh(s.v / (p * s.speed)), (0.003, 0.02, 0.1, 0.3)),
@@ -229,7 +229,7 @@ _REVOLUTE_ONLY = {"ripple", "weight"}
 
 
 def folds_of(s: Signals) -> NDArray[np.int64]:
-    """Fold of each row: up to six groups of whole runs, or of one run every fourth of twelve blocks."""
+    """Return the fold of each row: up to six groups of runs, or of one run every fourth of twelve blocks."""
     runs = np.unique(s.run)
     if len(runs) == 1:
         return np.asarray(np.arange(len(s.run)) * 12 // len(s.run) % 4, dtype=np.int64)
@@ -237,7 +237,7 @@ def folds_of(s: Signals) -> NDArray[np.int64]:
 
 
 def _held_out(columns: Array, ladder: "Ladder") -> tuple[float, float]:
-    """Error in the folds that were left out of the fit, and sum of the mean squares in those fitted."""
+    """Return the held-out error, and the sum of the mean squares in the fitted folds."""
     fold, effort = ladder.fold[ladder.rows], ladder.signals.effort[ladder.rows]
     scale = np.sqrt((columns**2).mean(axis=0))
     joint = np.column_stack([columns[ladder.rows] / np.where(scale > 0, scale, 1.0), effort])
@@ -268,12 +268,12 @@ class Ladder:
             if name not in {*base, *left_out, "run_offset"}
         }
         slopes = s.by_run(lambda part: np.gradient(self.columns[part], s.t[part], axis=0))
-        self.built[_LATE] = [(0.0, slopes)]  # the base model, late by a fixed time
+        self.built[_LATE] = [(0.0, slopes)]  # the base model, delayed by a fixed time
         for name, values in s.context.items():
             self.built[f"context {name}"] = [(0.0, np.stack([values, values * s.x, values * s.v], axis=1))]
 
     def attempt(self, name: str) -> tuple[float, float, Array]:
-        """Held-out error with a term, its inner parameter (best where it is fitted), its columns."""
+        """Return the held-out error with a term, its inner parameter (best in the fit), and its columns."""
         trials = [
             (*_held_out(np.column_stack([self.columns, columns]), self), p, columns)
             for p, columns in self.built[name]
@@ -282,7 +282,7 @@ class Ladder:
         return held_out, p, columns
 
     def of_runs(self) -> tuple[float, float]:
-        """Error on odd rows where each run has an offset, and a gain, of its own, found from even rows."""
+        """Return the errors on odd rows with an offset, and with a gain, of each run found from even rows."""
         effort, columns, run = (a[self.rows] for a in (self.signals.effort, self.columns, self.signals.run))
         model = columns @ np.linalg.lstsq(columns, effort, rcond=1e-9)[0]
         residual = effort - model
@@ -298,7 +298,7 @@ class Ladder:
 
 
 def kind_of(name: str) -> str:
-    """Kind of a term."""
+    """Return the kind of a term."""
     if name == _LATE:
         return "sensor_dynamics"
     return "recorded_context" if name.startswith("context ") else TERMS[name].kind

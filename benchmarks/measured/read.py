@@ -1,4 +1,4 @@
-"""Reads the measured sets into channels: zero-phase derivatives, runs, what their authors left out."""
+"""Read the measured sets into channels, with zero-phase derivatives, runs and the authors' exclusions."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -24,7 +24,7 @@ _FULL_DUTY_V = 0.97 * 7.2
 
 
 def channel(kind: ChannelKind, parts: Iterable[list[np.ndarray]], name: str = "joint_1") -> ChannelData:
-    """A channel out of runs of (time, position, velocity, acceleration, effort)."""
+    """Build a channel from runs of (time, position, velocity, acceleration, effort)."""
     runs = list(parts)
     run = np.repeat(np.arange(len(runs)), [len(part[0]) for part in runs])
     t, x, v, a, effort = (np.concatenate([part[i] for part in runs]) for i in range(5))
@@ -32,7 +32,7 @@ def channel(kind: ChannelKind, parts: Iterable[list[np.ndarray]], name: str = "j
 
 
 def table(path: Path, **only: str | int | list[str]) -> pd.DataFrame:
-    """Rows of a CSV; `only` those with this in a column, or one of these."""
+    """Read the rows of a CSV file; `only` those with the given value, or one of several, in a column."""
     rows = pd.read_csv(path)
     for name, value in only.items():
         rows = rows[rows[name].isin(value if isinstance(value, list) else [value])]
@@ -40,25 +40,25 @@ def table(path: Path, **only: str | int | list[str]) -> pd.DataFrame:
 
 
 def runs(folder: Path, key: str = "run", **only: str | int | list[str]) -> dict[Any, pd.DataFrame]:
-    """Rows of a set's runs.csv.gz, by run or by another column; `only` as in `table`."""
+    """Read the rows of a set's runs.csv.gz, by run or by another column; `only` as in `table`."""
     return dict(iter(table(folder / "runs.csv.gz", **only).groupby(key, sort=False)))
 
 
 def signals(rows: pd.DataFrame, *keys: str) -> np.ndarray:
-    """Columns of these rows as numbers, shape (keys, n)."""
+    """Return columns of these rows as numbers, shape (keys, n)."""
     return rows[list(keys)].to_numpy(np.float64).T.copy()
 
 
 def part(t: np.ndarray, x: np.ndarray, effort: np.ndarray) -> list[np.ndarray]:
-    """One run for `channel`, with derivatives by difference."""
+    """Return one run for `channel`, with derivatives by differences."""
     v = np.gradient(x, t)
     return [t, x, v, np.gradient(v, t), effort]
 
 
 def emps(folder: Path) -> ChannelData:
-    """The linear drive in the band of its authors: 100 Hz for the motion, then all below 40 Hz.
+    """Read the linear drive in the band of its authors: motion below 100 Hz, then all signals below 40 Hz.
 
-    They keep every tenth sample. Here all are kept: times are no better than half a step.
+    They keep every tenth sample. Here all are kept, because times are no better than half a step.
     """
     parts = []
     for number, name in enumerate(("train.csv.gz", "test_pulses.csv.gz")):
@@ -66,13 +66,13 @@ def emps(folder: Path) -> ChannelData:
         q = filtfilt(*butter(4, 100 / 500), q)
         v = np.gradient(q, 1e-3)
         low = [filtfilt(*butter(4, 40 / 500), signal) for signal in (q, v, np.gradient(v, 1e-3), force)]
-        low[1] = v  # the sign of motion is lost in no filter: friction acts on the motion itself
+        low[1] = v  # unfiltered: friction acts on the motion itself, whose sign a filter would blur
         parts.append([signal[50:-50] for signal in (t + 100.0 * number, *low)])
     return channel(ChannelKind.PRISMATIC, parts)
 
 
 def pendulum(folder: Path) -> ChannelData:
-    """The servo with a pendulum; the effort is the voltage [V]. Saturated, standing, free ones left out."""
+    """Read the servo with a pendulum; effort: voltage [V]; without saturated, resting and free samples."""
     return channel(ChannelKind.REVOLUTE, [_swing(number, run) for number, run in runs(folder).items()])
 
 
@@ -90,7 +90,7 @@ def _swing(number: int, run: pd.DataFrame) -> list[np.ndarray]:
 
 
 def silverbox(folder: Path) -> ChannelData:
-    """The resonator: eight multisines [V for m and N]."""
+    """Read the resonator: eight multisines [V for m and N]."""
     data = signals(table(folder / "silverbox.csv.gz"), "input_voltage_V", "output_voltage_V")
     u, y = (signal - signal.mean() for signal in data)
     spectrum, omega = np.fft.rfft(y), 2j * np.pi * np.fft.rfftfreq(len(y), SILVERBOX_STEP_S)
@@ -102,10 +102,10 @@ def silverbox(folder: Path) -> ChannelData:
 
 
 def load_cell(folder: Path, number: int) -> ChannelData:
-    """One of two cells under weights; force as the position [kN for m], reading as the effort [counts]."""
+    """Read one of two cells under weights; position: force [kN for m], effort: reading [counts]."""
     keys = ("time_s", "nominal_force_N", f"load_cell_{number}_counts", "settled")
     t, force, counts, settled = signals(table(folder / "load_cell.csv"), *keys)
-    # a level and the next together make a run: one level alone cannot tell a gain from a bias
+    # two successive levels make a run: one level alone cannot tell a gain from a bias
     pair = np.concatenate([[0], np.cumsum(np.diff(force) != 0)]) // 2
     kept = [(settled == 1) & (pair == run) for run in range(int(pair.max()) + 1)]
     parts = [[t[k], 1e-3 * force[k], 0.0 * t[k], 0.0 * t[k], counts[k]] for k in kept if k.any()]
@@ -113,7 +113,7 @@ def load_cell(folder: Path, number: int) -> ChannelData:
 
 
 def indentation(folder: Path) -> ChannelData:
-    """The soft specimen P002, ramp, hold and release, one run a recording."""
+    """Read the soft specimen P002: ramp, hold and release, one run for each recording."""
     recordings = runs(folder, "specimen")
     parts = []
     for number in (9, 10, 11, 12, 13):
@@ -123,9 +123,9 @@ def indentation(folder: Path) -> ChannelData:
 
 
 def servo(folder: Path, log: str, motor: int) -> ChannelData:
-    """A servo held at home and pulled to and fro; pull [-1, 1] as the position, its counts as the effort.
+    """Read a servo held at home and pulled back and forth; position: pull [-1, 1], effort: counts.
 
-    Each two pulls make a run. Samples less than 0.8 s after a commanded move are left out.
+    Every two pulls make a run. Samples less than 0.8 s after a commanded move are omitted.
     """
     counts, telemetry = 4096 / 2 / np.pi, table(folder / "telemetry.csv.gz", log=log)
 
@@ -152,7 +152,7 @@ def servo(folder: Path, log: str, motor: int) -> ChannelData:
 
 
 def presses(folder: Path, position: str, gap_s: float, only: dict[str, Any]) -> ChannelData:
-    """Runs of a contact, `gap_s` apart; `position` is the column of the depth [m], `only` as in `table`."""
+    """Read runs of a contact, `gap_s` apart; `position`: column of the depth [m], `only` as in `table`."""
     parts = []
     for number, run in enumerate(runs(folder, **only).values()):
         t, x, force = signals(run, "time_s", position, "force_N")
@@ -161,14 +161,14 @@ def presses(folder: Path, position: str, gap_s: float, only: dict[str, Any]) -> 
 
 
 TX40_JOINTS = 6
-_STILL_FROM_S = 7.7  # TX40: the arm does not move any more
-_JAW_RATIO = 1.04  # surgical tool: of the jaw's torque at the disc, as its README says
+_STILL_FROM_S = 7.7  # TX40: the arm no longer moves
+_JAW_RATIO = 1.04  # surgical tool: torque at the disc per torque of the jaw, from its README
 
 
 def cogging_map(folder: Path) -> ChannelData:
-    """Holding torque along one turn out and back, each quarter a run.
+    """Read the holding torque along one turn out and back; each quarter is a run.
 
-    It was held nearly still at each position; its derivatives are made as those of a file are.
+    The motor was held nearly still at each position; derivatives are computed as for a file.
     """
     parts = []
     for run in (1, 2):
@@ -181,7 +181,7 @@ def cogging_map(folder: Path) -> ChannelData:
 
 
 def cogging_motion(folder: Path, run: int, band_hz: float) -> ChannelData:
-    """One of the recordings in motion, on an even grid, below a frequency; in five pieces."""
+    """Read a recording in motion on an even grid, low-pass filtered, in five pieces."""
     data = table(folder / "motion.csv.gz", run=run)
     read_s, *read = signals(data, "time_s", "position_rad", "torque_Nm")
     t = np.arange(read_s[0] + 0.02, read_s[-1] - 0.02, 1e-3)
@@ -194,7 +194,7 @@ def cogging_motion(folder: Path, run: int, band_hz: float) -> ChannelData:
 
 
 def tool(folder: Path, name: str) -> ChannelData:
-    """Torque at the driven disc less what the jaw carries; that is the load [N m]."""
+    """Read the torque at the driven disc minus the torque of the jaw, which is the load [N m]."""
     parts, loads = [], []
     for number, of_run in enumerate(runs(folder, tool=name).values()):
         t, q, torque, jaw = signals(of_run, "time_s", "position_rad", "torque_Nm", "jaw_torque_Nm")
@@ -206,7 +206,7 @@ def tool(folder: Path, name: str) -> ChannelData:
 
 
 def tx40(folder: Path) -> tuple[list[ChannelData], list[Model]]:
-    """Six joints and their models with free base parameters, all below 60 Hz, every tenth sample."""
+    """Read six joints, below 60 Hz, every tenth sample, and build models with free base parameters."""
     data, numbers = table(folder / "runs.csv.gz"), range(1, TX40_JOINTS + 1)
     low = butter(4, 60 / 500)
     columns = {"time_s": data["time_s"].to_numpy(), "run": data["run"].to_numpy()}

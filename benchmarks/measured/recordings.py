@@ -1,4 +1,4 @@
-"""Published sets by the table in sets.yaml: each recording, its simple model, and what its README expects."""
+"""Published sets listed in sets.yaml: recordings, their simple models, and the answers in their READMEs."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,23 +19,23 @@ SETS: dict[str, dict[str, Any]] = _TABLE["sets"]
 
 @dataclass(frozen=True)
 class Expected:
-    """What the literature says of one channel."""
+    """What the literature says about one channel."""
 
     needed: tuple[frozenset[str], ...]  # groups; at least one name of each group must be found
-    allowed: frozenset[str]  # further names that are no mistake
+    allowed: frozenset[str]  # further names that are not wrong
     ladder: tuple[float, ...]  # held-out errors of the README, from the simple model to its best
-    said: str  # the README in few words
+    said: str  # summary of the README
 
 
 @dataclass(frozen=True)
 class Recording:
-    """One measured set, or a part of it that stands by itself."""
+    """One measured set, or an independent part of it."""
 
-    name: str  # of it
-    channels: list[ChannelData]  # those that are diagnosed together
+    name: str  # name of the recording
+    channels: list[ChannelData]  # channels that are diagnosed together
     models: list[Model]  # simple model of each
-    expected: list[Expected]  # of each
-    unit: str = ""  # of the effort, where it is neither a force nor a torque
+    expected: list[Expected]  # expected answer for each
+    unit: str = ""  # unit of the effort if it is neither a force nor a torque
 
 
 def recordings(folder: Path) -> Iterator[Recording]:

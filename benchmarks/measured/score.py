@@ -1,4 +1,4 @@
-"""Hold the diagnosis of a recording against its recipe."""
+"""Compare the diagnosis of a recording with its recipe."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -11,38 +11,38 @@ _LATER_LAWS = {"softening_stiffness": "power_law_stiffness"}
 
 @dataclass(frozen=True)
 class Score:
-    """One recording: what was said, and whether it is right."""
+    """The diagnosis of one recording, and whether it is right."""
 
     recording: str
     split: str
     verdict: str  # or `refused`, `stopped`
     reason: str
-    rmse: tuple[float, float] | None  # held out, of the base model and of the last one
+    rmse: tuple[float, float] | None  # held-out errors of the base model and of the last one
     budget: list[dict[str, Any]]
     accepted: list[str]
     expected: list[str]  # kinds
-    kind: str | None  # the largest of the budget
+    kind: str | None  # largest kind of the budget
     kind_right: bool
-    kind_stated: bool  # the same, or that an expected kind is said to explain as much in its place
+    kind_stated: bool  # the same, or an expected kind is stated to explain as much in its place
     form_right: bool
     false_names: list[str]
-    seconds: float  # by the clock
+    seconds: float  # wall-clock time
 
 
 def share_of(entry: dict[str, Any]) -> float:
-    """Share of the error of an entry of the budget: `share`, or halfway from necessary to sufficient."""
+    """Return the share of a budget entry: `share`, or the mean of `necessary` and `sufficient`."""
     if entry.get("share") is not None:
         return float(entry["share"])
     return (float(entry.get("necessary") or 0.0) + float(entry.get("sufficient") or 0.0)) / 2.0
 
 
 def score(recipe: dict[str, Any], channel: dict[str, Any], seconds: float) -> Score:
-    """Hold the diagnosis of one channel against its recipe.
+    """Compare the diagnosis of one channel with its recipe.
 
     Args:
         recipe: content of the recipe.
         channel: the channel's entry in the JSON of `palpate diagnose`; its `budget` may be missing.
-        seconds: what it took.
+        seconds: duration of the diagnosis.
     """
     expected = recipe["expected"]
     names = {name for group in expected["groups"].values() for name in group}
@@ -61,7 +61,7 @@ def score(recipe: dict[str, Any], channel: dict[str, Any], seconds: float) -> Sc
     ]
     kinds = [leading["kind"], *leading.get("replaceable_by", [])] if leading else []
     unknown = leading is not None and leading.get("form") == "unknown"
-    fair = channel["verdict"] in expected.get("verdicts", [])  # nothing is missing, or it cannot be said
+    fair = channel["verdict"] in expected.get("verdicts", [])  # nothing is missing, or the data do not tell
     baseline, final = channel.get("baseline"), channel.get("final")
     return Score(
         recording=recipe["name"],
@@ -82,7 +82,7 @@ def score(recipe: dict[str, Any], channel: dict[str, Any], seconds: float) -> Sc
 
 
 def summary(results: list[Score]) -> str:
-    """The three figures of each split, and how many were refused or stopped."""
+    """Summarize the three figures of each split, and the number of refused or stopped recordings."""
     lines = []
     for split in sorted({result.split for result in results}):
         part = [result for result in results if result.split == split]

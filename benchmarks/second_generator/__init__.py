@@ -1,1 +1,1 @@
-"""A numpy world of presses and joints, written from the vocabulary and textbooks alone."""
+"""A numpy world of presses and joints, written only from the vocabulary and textbooks."""

@@ -1,4 +1,4 @@
-"""The cases: which effects, how large, in which world, read how. Each follows from (seed, number)."""
+"""Cases: hidden effects, their sizes, world and readings. (seed, number) determines each case."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,9 +23,9 @@ from .sensor_effects import AFTER_NOISE
 from .world import CaseWorld, HiddenEffect, effort_and_position, sized
 
 STRENGTHS = (3.0, 10.0, 30.0)
-MOST_SAMPLES = 20_000  # of a case, so that many can be judged; a fast reader gets fewer runs
+MOST_SAMPLES = 20_000  # limit for one case, so that many can be judged; a high sample rate gives fewer runs
 RATES_HZ = (1000.0, 500.0, 250.0, 100.0)
-TRIES = 12  # worlds drawn until one can hide the effects; a joint without gravity hides no tilt
+TRIES = 12  # worlds drawn until one can hide the effects; a joint without gravity cannot hide a tilt
 _PAIRS = yaml.safe_load(Path(__file__).with_name("names.yaml").read_text("utf-8"))["pairs"]
 _URDF = Path(__file__).with_name("one_link.urdf").read_text("utf-8")
 _LIBRARY = {"contact": CONTACT | CONTACT_OUTSIDE, "revolute": JOINT | JOINT_OUTSIDE}
@@ -33,9 +33,9 @@ _LIBRARY = {"contact": CONTACT | CONTACT_OUTSIDE, "revolute": JOINT | JOINT_OUTS
 
 @dataclass(frozen=True)
 class CaseSpec:
-    """What to hide; with a seed, all of a case follows from it."""
+    """What to hide; with a seed, it determines the whole case."""
 
-    number: int  # in the grid, the same whatever part of the grid is run
+    number: int  # number in the grid, independent of which part is run
     kind: str  # "contact" or "revolute"
     sort: str  # "nothing", "one", "two", "outside", or "removed" (from the library)
     hidden: tuple[str, ...]  # names
@@ -44,19 +44,19 @@ class CaseSpec:
 
 @dataclass(frozen=True)
 class GeneratedCase:
-    """A channel as a user has it, and the truth behind."""
+    """A channel as a user would have it, with the truth."""
 
-    job: CaseSpec  # what was asked for
+    job: CaseSpec  # what was requested
     channel: ChannelData  # as imported from a CSV file
     model: Model  # simple model
-    strength: float  # reached; smaller than asked for where no world of the ranges allows it
-    floor: float  # RMS that noise of effort and position make
+    strength: float  # actual strength; smaller than requested if no world allows it
+    floor: float  # RMS error that noise of effort and position causes
     truth: dict[str, float]  # parameters by "effect.parameter", of the simple law as well
-    world: str  # a few words
+    world: str  # short description
 
 
 def grid() -> list[CaseSpec]:
-    """All jobs in an order that mixes them; a beginning of it is a fair sample."""
+    """List all jobs in a fixed random order, so that the first jobs are a fair sample."""
     jobs = [
         (kind, sort, hidden, strength)
         for kind, ones, outside in (("contact", CONTACT, CONTACT_OUTSIDE), ("revolute", JOINT, JOINT_OUTSIDE))
@@ -72,7 +72,7 @@ def grid() -> list[CaseSpec]:
 
 
 def make(job: CaseSpec, seed: int) -> GeneratedCase | None:
-    """The case of a job; None if no world can hide its effects even at the smallest strength."""
+    """Make the case of a job; None if no world can hide its effects even at the smallest strength."""
     for strength in [s for s in STRENGTHS[::-1] if s <= job.strength] or [0.0]:
         rng = np.random.default_rng([seed, job.number, int(strength)])
         for _ in range(TRIES):
@@ -118,7 +118,7 @@ def _try(job: CaseSpec, strength: float, rng: Generator) -> GeneratedCase | None
 
 
 def _contact(rng: Generator, reading: readings.ReadingChain, runs: int) -> tuple[CaseWorld, str]:
-    """Depth and stiffness such that the position's steps neither vanish nor drown the force."""
+    """Draw depth and stiffness such that the position steps are neither negligible nor dominant."""
     probe = np.linspace(0.0, 0.02, 4001) + 1e-5 * rng.standard_normal(4001)
     steps = float(np.std(readings.read_position(rng, reading, probe, arm=not reading.digits_m) - probe))
     size = float(np.clip(steps * 10 ** rng.uniform(2.4, 3.6), 5e-4, 0.03))
@@ -131,7 +131,7 @@ def _contact(rng: Generator, reading: readings.ReadingChain, runs: int) -> tuple
 
 
 def _joint(rng: Generator, runs: int, hidden: tuple[str, ...]) -> tuple[CaseWorld, str]:
-    """An inertia, a pendulum, or an arm of one link with its URDF."""
+    """Draw an inertia, a pendulum, or an arm of one link with its URDF."""
     base = str(rng.choice(["inertia", "pendulum", "rigid_body"], p=[0.35, 0.4, 0.25]))
     if NEEDS_GRAVITY & set(hidden) and base == "inertia":
         base = "pendulum"
@@ -150,7 +150,7 @@ def _joint(rng: Generator, runs: int, hidden: tuple[str, ...]) -> tuple[CaseWorl
 
 
 class _Reader:
-    """Turns efforts and positions of the fine grid into a file of readings."""
+    """Converts efforts and positions on the fine grid into a file of readings."""
 
     def __init__(
         self, rng: Generator, reading: readings.ReadingChain, world: CaseWorld, times: Array
@@ -178,11 +178,11 @@ class _Reader:
         return self.sigma * readings.noise(rng, self.reading, effort, self.run)
 
     def through_position(self, read: Array, *, whole: bool = False) -> Array:
-        """What a reading's error makes through the simple law: its RMS, or all samples."""
+        """Return the effort that position errors cause through the simple law: its RMS, or all samples."""
         w, m = self.world, self.world.motion
         x, v, a = (self.sampled(signal) for signal in (m.x, m.v, m.a))
         if w.kind == "contact":
-            # near the surface a step decides whether there is contact at all, and a damper pushes at once
+            # near the surface one step decides about contact, and a damper pushes at once
             push = w.law["c"] * v * ((read > 0.0).astype(float) - (x > 0.0))
             missed = w.law["k"] * (np.maximum(read, 0.0) - np.maximum(x, 0.0)) + push
             if self.reading.velocity != "given":
@@ -198,7 +198,7 @@ class _Reader:
         return missed if whole else float(np.sqrt(np.mean(missed**2)))
 
     def channel(self, effort: Array, position: Array, last: list[HiddenEffect]) -> ChannelData:
-        """What is imported from the file; effects that come after the noise are applied to what is noisy."""
+        """Return the channel imported from the file; effects after the noise act on the noisy signals."""
         contact, one_of_two = self.world.kind == "contact", self.world.base == "rigid_body"
         joint = "_1" if one_of_two else ""
         true = self.sampled(effort)
@@ -226,7 +226,7 @@ class _Reader:
             return import_file(path, ImportOptions(fresh=self.world.fresh and contact)).channels[0]
 
     def velocity(self, read: Array, position: Array) -> Array:
-        """A tachometer's, or the slope over so many samples as suit the steps: its user looked at it."""
+        """Return a tachometer velocity, or a slope over the number of samples that a user would choose."""
         true = self.sampled(self.world.rate(position))
         if self.reading.velocity == "given":
             rng = np.random.default_rng([self.seed, 3])
@@ -235,7 +235,7 @@ class _Reader:
         return min(tries, key=lambda slope: float(np.mean((slope - true) ** 2)))
 
 
-_LAWS = {  # true parameters of the simple laws, by the library's names
+_LAWS = {  # parameters of the simple laws by the library's names
     "kelvin_voigt": {"stiffness.k": "k", "damping.c": "c"},
     "inertia": {"inertia.m": "J", "viscous_friction.d": "d"},
     "pendulum": {"pendulum.inertia": "J", "pendulum.gravity": "g", "viscous_friction.d": "d"},
@@ -244,12 +244,12 @@ _LAWS = {  # true parameters of the simple laws, by the library's names
 
 
 def _truth(world: CaseWorld, job: CaseSpec, hidden: list[HiddenEffect]) -> dict[str, float]:
-    """True parameters in the library's names."""
+    """Return the true parameters by the library's names."""
     truth = {name: world.law[key] for name, key in _LAWS[world.base].items()}
     for name, effect in zip(job.hidden, hidden, strict=True):
         plain = name.split(" (")[0]
         own = (effect.truth or {}).items()
         truth |= {key if "." in key else f"{plain}.{key}": value for key, value in own}
-    if len(hidden) > 1:  # the library's relaxation takes all springs along, here one relaxes beside another
+    if len(hidden) > 1:  # in the library all springs relax; here one relaxes beside another
         truth = {key: value for key, value in truth.items() if not key.startswith("relaxation_spectrum.")}
     return {key: float(value) for key, value in truth.items()}

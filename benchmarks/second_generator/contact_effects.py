@@ -1,4 +1,4 @@
-"""What objects do besides being a spring and a damper, and laws that no vocabulary has.
+"""Effects of objects beyond a spring and a damper, and laws outside any vocabulary.
 
 Sources: Hunt and Crossley 1975; Fung 1981 (quasi-linear viscoelasticity); Johnson, Contact Mechanics 1985
 (adhesion, elastic-plastic unloading); Mullins 1969.
@@ -13,19 +13,19 @@ from .world import CaseWorld, Effect, HiddenEffect
 
 
 def sawtooth(w: CaseWorld, period: float) -> Array:
-    """A sawtooth over the path, from -1 to 1."""
+    """Return a sawtooth over the path, from -1 to 1."""
     path = cumulative_trapezoid(np.abs(w.motion.v), dx=1 / FINE_HZ, initial=0.0)
     return 2 * ((path / period) % 1.0) - 1
 
 
 def thinned(w: CaseWorld, used: Array | float, chance: float) -> Array:
-    """What use has left of a viscosity; only motion while `used` is 1 counts."""
+    """Return the share of a viscosity that use has left; only motion while `used` is 1 counts."""
     path = cumulative_trapezoid(np.abs(w.motion.v) * used, dx=1 / FINE_HZ, initial=0.0)
     return np.exp(-path / (path[-1] * (0.08 + 0.2 * chance)))
 
 
 def warming(w: CaseWorld, gain: float, chance: float) -> HiddenEffect:
-    """A gain that follows the heat of what was dissipated, which leaks away."""
+    """Return a gain that follows the dissipated heat, which decays."""
     heat = w.filtered(np.abs(w.plain * w.motion.v), 1.0 + 4 * chance)
     return HiddenEffect(senses=lambda f: f * (1 + gain * heat / heat.max()))
 
@@ -64,7 +64,7 @@ def layered_stiffness(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
 
 
 def _maxwell(w: CaseWorld, k: float, tau: float) -> Array:
-    """A spring that a dashpot lets go: k times the high-passed depth."""
+    """Return a spring in series with a dashpot: k times the high-pass filtered depth."""
     return k * (w.pressed - w.filtered(w.pressed, tau))
 
 
@@ -75,7 +75,7 @@ def stress_relaxation(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
 
 
 def relaxation_spectrum(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
-    """Two Maxwell branches, a decade or more apart; a sudden press meets both of them beside the spring."""
+    """Two Maxwell branches, a decade or more apart; a sudden press loads both in addition to the spring."""
     fast, fast_time = 2 * s * w.law["k"], 0.05 * 10 ** (0.5 * u[0])
     slow, slow_time = fast * (0.6 + 0.6 * u[1]), fast_time * (12 + 10 * u[2])
     at_once = w.law["k"] + fast + slow
@@ -97,7 +97,7 @@ def quadratic_damping(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
 
 
 def adhesion(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
-    """A pull while touching, and a neck that is drawn out on the way back until it breaks."""
+    """A pull while touching, and a neck that stretches on the way back until it breaks."""
     pull, neck, m = s * w.scale, 0.05 * w.size * (0.3 + u[0]), w.motion
     sticks, out = False, np.zeros(len(m.x))
     begins = set((np.flatnonzero(np.diff(m.run)) + 1).tolist())
@@ -109,26 +109,26 @@ def adhesion(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
 
 
 def plastic_set(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
-    """A share of the largest depth stays; there the spring is at rest."""
+    """A share of the largest depth remains as the new zero of the spring."""
     share = 0.6 * s
     lost = np.minimum(share * w.deepest(), w.pressed)
     return HiddenEffect(adds=-w.law["k"] * lost, one_sided=True, truth={"share": share})
 
 
 def dry_friction(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
-    """Tool and object rub."""
+    """Dry friction between tool and object."""
     f = s * w.scale
     return HiddenEffect(adds=f * np.tanh(w.motion.v / (0.01 * w.speed)) * w.touching, truth={"force": f})
 
 
 def contact_offset(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
-    """The surface is not where the depth counts from."""
+    """The surface is not at zero depth."""
     off = float(np.sign(u[0] - 0.5)) * 0.4 * s * w.size
     return HiddenEffect(moves=lambda f: np.full(len(f), off), truth={"offset": off})
 
 
 def tool_compliance(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
-    """The tool gives: its deflection is read as depth.
+    """The tool deflects, and its deflection is read as depth.
 
     k z + c z' = (x - z) / compliance while pressed, z the object's depth.
     """
@@ -180,13 +180,13 @@ CONTACT_OUTSIDE: dict[str, Effect] = {
         one_sided=True,
     ),
     "gain that follows dissipated energy": lambda w, s, u: warming(w, 2 * s, u[0]),
-    # stiffer on the way in than on the way out
+    # stiffer during loading than during unloading
     "stiffness by direction of speed": lambda w, s, u: HiddenEffect(
         adds=s * w.load * np.tanh(w.motion.v / (0.05 * w.speed)), one_sided=True
     ),
     "snap-through": _buckling,
     "cross-talk of a periodic signal": crosstalk,
-    # below the largest depth so far the object is softer (Mullins 1969)
+    # softer at depths below the largest one so far (Mullins 1969)
     "Mullins softening": lambda w, s, u: HiddenEffect(
         adds=-0.8 * s * w.load * (1 - np.exp(-(w.deepest() - w.pressed) / (0.1 * w.size))), one_sided=True
     ),

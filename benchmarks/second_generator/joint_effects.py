@@ -1,4 +1,4 @@
-"""What joints do besides inertia, gravity and viscous friction, and laws that no vocabulary has.
+"""Effects of joints beyond inertia, gravity and viscous friction, and laws outside any vocabulary.
 
 Sources: Armstrong-Helouvry, Dupont and Canudas de Wit 1994 (friction); Dahl 1968; Nordin and Gutman 2002
 (play); Spong 1987 (elastic joints).
@@ -11,7 +11,9 @@ from .motion import Array
 from .sensor_effects import SENSOR, crosstalk
 from .world import CaseWorld, Effect, HiddenEffect, play
 
-GRAVITY = 9.81  # as the model of the arm has it: else a light payload is judged by the fourth digit of g
+GRAVITY = (
+    9.81  # as in the model of the arm; otherwise the fourth digit of g would decide about a light payload
+)
 
 
 def _sign(w: CaseWorld) -> Array:
@@ -25,7 +27,7 @@ def coulomb_friction(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
 
 
 def stribeck_friction(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
-    """Stribeck's whole curve: Coulomb's friction, and more of it at small speed."""
+    """The full Stribeck curve: Coulomb friction that rises at low speed."""
     f, more, vs = s * w.scale, s * w.scale * (0.5 + u[0]), w.speed * (0.05 + 0.15 * u[1])
     return HiddenEffect(
         adds=(f + more * np.exp(-((w.motion.v / vs) ** 2))) * _sign(w),
@@ -34,7 +36,7 @@ def stribeck_friction(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
 
 
 def asymmetric_friction(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
-    """One Coulomb friction forwards, another backwards."""
+    """Coulomb friction that differs between forward and backward motion."""
     f, b = s * w.scale, s * w.scale * (0.1 + 0.5 * u[0])
     sign = _sign(w)
     return HiddenEffect(adds=np.where(sign > 0, f, b) * sign, truth={"forward": f, "backward": b})
@@ -53,7 +55,7 @@ def quadratic_friction(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
 
 
 def viscous_friction(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
-    """D v, where the simple model has none."""
+    """D v, if the simple model has none."""
     d = s * w.scale / w.speed
     return HiddenEffect(adds=d * w.motion.v, truth={"d": d})
 
@@ -73,7 +75,7 @@ def armature(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
 
 
 def gravity_tilt(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
-    """The base stands askew: gravity comes from another direction."""
+    """The base is tilted: gravity acts in another direction."""
     angle = float(np.sign(u[0] - 0.5)) * 0.5 * s
     g, x = w.law["g"], w.motion.x
     tilt = angle if w.base == "rigid_body" else g * np.sin(angle)
@@ -88,7 +90,7 @@ def torque_ripple(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
 
 
 def ripple_with_harmonics(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
-    """Cogging: a ripple of N and 2 N (and a little 3 N) a turn."""
+    """Cogging: a ripple with N, 2 N and (weakly) 3 N periods per turn."""
     n, x, size = int(6 + 14 * u[0]), w.motion.x, s * w.scale
     parts = ((1.0, 1, u[1]), (0.6, 2, u[2]), (0.3, 3, u[3]))
     adds = sum(a * np.sin(h * n * x + 2 * np.pi * phase) for a, h, phase in parts)
@@ -102,9 +104,9 @@ def joint_spring(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
 
 
 def backlash(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
-    """The motor's angle is read; a link that does not move by itself follows it with play.
+    """The motor angle is read; the link follows it with play and does not move by itself.
 
-    While the gap is crossed, the motor turns alone and carries half of the inertia.
+    While the gap is crossed, the motor turns alone and has half of the inertia.
     """
     m, gap = w.motion, 0.5 * s * w.size
     link = w.by_run(lambda rows: play(m.x[rows], gap))
@@ -114,23 +116,23 @@ def backlash(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
 
 
 def joint_elasticity(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
-    """The motor's angle is read, the link is behind it by torque over stiffness.
+    """The motor angle is read; the link lags behind it by torque over stiffness.
 
-    Singular perturbation to first order: the link moves as said, the motor ahead of it. With the motor held,
-    the link would swing at 8 Hz or more.
+    Singular perturbation to first order: the link follows the given motion, and the motor is ahead of it.
+    With the motor held, the link would oscillate at 8 Hz or more.
     """
     give = s / (w.law["J"] * (2 * np.pi * 8.0) ** 2)
     return HiddenEffect(moves=lambda torque: w.load * give, truth={"compliance": give})
 
 
 def torque_gain(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
-    """Each newton meter reads as more or less."""
+    """The reading is the torque times a gain."""
     gain = float(np.sign(u[0] - 0.5)) * 0.6 * s
     return HiddenEffect(senses=lambda f: (1 + gain) * f, truth={"gain": 1 + gain})
 
 
 def presliding_friction(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
-    """Dahl: asperities bend over a distance before they slip."""
+    """Dahl friction: asperities bend over a distance before they slip."""
     f, over, m = s * w.scale, w.size * (0.02 + 0.1 * u[0]), w.motion
 
     def element(rows: slice) -> Array:
@@ -145,7 +147,7 @@ def presliding_friction(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     return HiddenEffect(adds=f * w.by_run(element), truth={"force": f})
 
 
-# what each is best hidden in: its simple model must not take it over
+# where each is best hidden: the simple model must not absorb it
 IN_RIGID_BODY = {
     effect.__name__: effect for effect in (payload, armature, torque_gain, viscous_friction, gravity_tilt)
 }
@@ -168,19 +170,19 @@ NEEDS_GRAVITY = frozenset(
 
 
 def _farthest(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
-    """A seal that has given way as far as the joint ever turned."""
+    """A seal that has yielded as far as the joint has ever turned."""
     far = np.maximum.accumulate(np.abs(w.motion.x))
     return HiddenEffect(adds=s * w.scale * np.exp(-(far - np.abs(w.motion.x)) / (0.08 * w.size)) * _sign(w))
 
 
 def _end_cushion(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
-    """Oil that is squeezed out near an end: (q - q0)^2 v beyond q0."""
+    """Oil that is squeezed out near an end stop: (q - q0)^2 v beyond q0."""
     deep = np.maximum(w.motion.x / w.size - 0.3 - 0.3 * u[0], 0.0)
     return HiddenEffect(adds=10 * s * w.scale * deep**2 * w.motion.v / w.speed)
 
 
 def _dwell(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
-    """A friction that grows with the time spent slow, and is worn off within a short time of motion."""
+    """Friction that grows with the time at low speed, and vanishes after a short motion."""
     slow = w.filtered((np.abs(w.motion.v) < 0.1 * w.speed).astype(float), 0.3 + u[0])
     return HiddenEffect(adds=3 * s * w.scale * slow * w.motion.v / w.speed)
 
@@ -190,7 +192,7 @@ JOINT_OUTSIDE: dict[str, Effect] = {
     "stick-slip chatter": lambda w, s, u: HiddenEffect(
         adds=s * w.scale * sawtooth(w, w.size * (0.05 + 0.1 * u[0])) * _sign(w)
     ),
-    # a bearing that is tight in two places
+    # a bearing that is tight at two angles
     "cos^2 of the angle times speed": lambda w, s, u: HiddenEffect(
         adds=3 * s * w.scale * np.cos(2 * w.motion.x + u[0]) ** 2 * w.motion.v / w.speed
     ),
@@ -201,7 +203,7 @@ JOINT_OUTSIDE: dict[str, Effect] = {
     "grease that thins with use": lambda w, s, u: HiddenEffect(
         adds=4 * s * w.scale * thinned(w, 1.0, u[0]) * w.motion.v / w.speed
     ),
-    # a torque constant that falls with the heat
+    # a torque constant that falls with temperature
     "gain that follows dissipated energy": lambda w, s, u: warming(w, -0.8 * s, u[0]),
     "cross-talk of a periodic signal": crosstalk,
     "seal worn to the largest angle": _farthest,

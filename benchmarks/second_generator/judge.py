@@ -1,4 +1,4 @@
-"""Whether a diagnosis is right, and the tables of many."""
+"""Judge whether diagnoses are right, and make tables of the results."""
 
 import math
 import time
@@ -24,7 +24,7 @@ QUANTILE_95 = 1.96
 
 @dataclass(frozen=True)
 class Interval:
-    """A parameter's estimate beside its truth; `holds` is None where the data did not determine it."""
+    """A parameter's estimate and true value; `holds` is None if the data did not determine it."""
 
     name: str
     value: float
@@ -34,7 +34,7 @@ class Interval:
 
     @property
     def holds(self) -> bool | None:
-        """Whether the 95 % interval holds the truth."""
+        """Whether the 95 % interval contains the true value."""
         if self.std_err is None or not math.isfinite(self.std_err):
             return None
         return abs(self.value - self.truth) <= QUANTILE_95 * self.std_err
@@ -42,7 +42,7 @@ class Interval:
 
 @dataclass(frozen=True)
 class CaseOutcome:
-    """A diagnosed case; seconds are the processor's, as machines are busy."""
+    """A diagnosed case; `seconds` is processor time, because machines are busy."""
 
     job: CaseSpec
     seed: int
@@ -62,12 +62,12 @@ class CaseOutcome:
     exact: bool
     seconds: float
     intervals: list[Interval] = field(default_factory=list)
-    exact_forms: list[str] = field(default_factory=list)  # accepted effects whose form is said to be exact
+    exact_forms: list[str] = field(default_factory=list)  # accepted effects whose form is stated as exact
     kind_right: bool | None = None  # whether the budget's largest kind is a hidden effect's; None without one
-    kind_stated: bool | None = None  # the same, or that such a kind is said to explain as much in its place
+    kind_stated: bool | None = None  # the same, or such a kind is stated to explain as much in its place
 
     def line(self) -> str:
-        """One line for people."""
+        """Return one readable line."""
         asked = " + ".join(self.job.hidden) or "nothing"
         named = " + ".join(self.accepted) or "-"
         ratio = "" if self.remaining_times_floor is None else f" {self.remaining_times_floor:.2f} x floor"
@@ -78,20 +78,20 @@ class CaseOutcome:
         )
 
     def record(self) -> dict[str, Any]:
-        """All fields as plain data."""
+        """Return all fields as plain data."""
         intervals = [asdict(interval) | {"holds": interval.holds} for interval in self.intervals]
         return asdict(self) | {"intervals": intervals}
 
 
 def from_record(line: str) -> CaseOutcome:
-    """An outcome back from its line of JSON."""
+    """Restore an outcome from its JSON record."""
     return TypeAdapter(CaseOutcome).validate_json(line)
 
 
 def run(job: CaseSpec, seed: int) -> CaseOutcome | None:
-    """Make a case and diagnose it; None where it cannot be made.
+    """Make a case and diagnose it; None if it cannot be made.
 
-    The library of a case of the sort "removed" lacks the hidden effect and every law that contains it.
+    For a case of the sort "removed", the library lacks the hidden effect and every law that contains it.
     """
     case = make(job, seed)
     if case is None:
@@ -105,18 +105,18 @@ def run(job: CaseSpec, seed: int) -> CaseOutcome | None:
 
 
 def _names(job: CaseSpec) -> list[str]:
-    """Hidden effects by the library's names."""
+    """Return the hidden effects by the library's names."""
     return [NAMES["spelled"].get(name, name) for name in job.hidden]
 
 
 def withheld_effects(job: CaseSpec) -> frozenset[str]:
-    """Names of the hidden effects and of every law that contains one of them."""
+    """Return the names of the hidden effects and of every law that contains one of them."""
     plain = frozenset(_names(job))
     return plain.union(*(NAMES["contained_in"].get(name, ()) for name in plain))
 
 
 def evaluate_case(case: GeneratedCase, seed: int, diagnosis: ChannelDiagnosis, seconds: float) -> CaseOutcome:
-    """Hold a diagnosis against the truth."""
+    """Compare a diagnosis with the truth."""
     job = case.job
     names = [entry.effect for entry in diagnosis.accepted]
     group = [names[0], *diagnosis.accepted[0].confused_with] if names else []
@@ -156,7 +156,7 @@ def evaluate_case(case: GeneratedCase, seed: int, diagnosis: ChannelDiagnosis, s
 
 
 def _is_kind_right(job: CaseSpec, diagnosis: ChannelDiagnosis, *, with_replacing: bool) -> bool | None:
-    """Whether the budget's largest kind, or one that may replace it, is one of a hidden effect."""
+    """Return whether the budget's largest kind, or one that may replace it, is that of a hidden effect."""
     hidden = [EFFECTS[name] for name in _names(job) if name in EFFECTS]
     if not hidden:
         return None
@@ -168,7 +168,7 @@ def _is_kind_right(job: CaseSpec, diagnosis: ChannelDiagnosis, *, with_replacing
 
 
 def _right_sets(job: CaseSpec) -> list[frozenset[str]]:
-    """All sets of names that describe what is hidden."""
+    """Return all sets of names that describe the hidden effects."""
     if job.sort == "outside":
         named = job.hidden[0] in NAMES["named_by_a_wider_library"]
         return [frozenset({"position_dependent_friction"} if named else ())]
@@ -180,7 +180,7 @@ def _right_sets(job: CaseSpec) -> list[frozenset[str]]:
 
 
 def _intervals(case: GeneratedCase, diagnosis: ChannelDiagnosis) -> list[Interval]:
-    """Estimates with a known truth: of accepted effects that are there, and of the model if all are named."""
+    """List estimates with known truth: of right effects, and of the base model if all effects are named."""
     named = {entry.effect for entry in diagnosis.accepted}
     spelled = set(_names(case.job))
     there = {
@@ -197,13 +197,13 @@ def _intervals(case: GeneratedCase, diagnosis: ChannelDiagnosis) -> list[Interva
 
 
 def share(flags: Iterable[bool]) -> str:
-    """So many of so many."""
+    """Return the count of true flags as text, such as "3 of 5"."""
     some = list(flags)
     return f"{sum(some)} of {len(some)}"
 
 
 HIDDEN = ("one", "two")
-# Row of the table: the sorts of cases that count, and what is true of the cases that are counted.
+# Rows of the table: the sorts of cases in the row, and the condition for counting a case.
 ROWS: dict[str, tuple[Sequence[str], Callable[[CaseOutcome], bool]]] = {
     "verdict right": (("nothing", "one", "two", "outside", "removed"), lambda o: o.right),
     "  nothing hidden": (("nothing",), lambda o: o.right),
@@ -228,7 +228,7 @@ ROWS: dict[str, tuple[Sequence[str], Callable[[CaseOutcome], bool]]] = {
 
 
 def table(outcomes: Sequence[CaseOutcome]) -> str:
-    """What came out, in one table, for each kind and both."""
+    """Return a table of the results for contacts, joints and both."""
     kinds = sorted({o.job.kind for o in outcomes})  # contacts first
     columns = {kind: [o for o in outcomes if o.job.kind == kind] for kind in kinds} | {"all": list(outcomes)}
     lines = {"": list(columns)}
@@ -254,7 +254,7 @@ def _seconds(some: Sequence[CaseOutcome]) -> str:
 
 
 def by_effect(outcomes: Sequence[CaseOutcome]) -> str:
-    """Per hidden effect: how often right, and what was said where it was wrong."""
+    """Return for each hidden effect how often the answer is right, and the wrong answers."""
     of: dict[str, list[CaseOutcome]] = defaultdict(list)
     for o in outcomes:
         of[" + ".join(o.job.hidden) or "nothing"].append(o)

@@ -1,7 +1,7 @@
 """Motions of different controllers, on a fine grid of time: x(t), dx/dt, d2x/dt2 of each run.
 
 A motion is drawn as a shape between 0 (start) and about 1 (full depth, or full swing), which is then scaled,
-smoothed as a drive would, and differentiated. No formula here knows an effect.
+smoothed as by a drive, and differentiated. No formula here depends on an effect.
 """
 
 from collections.abc import Callable
@@ -19,7 +19,7 @@ FINE_HZ = 2000.0
 
 @dataclass(frozen=True)
 class TrueMotion:
-    """All runs in a row on the fine grid; time goes on between runs."""
+    """All runs, concatenated on the fine grid; time continues between runs."""
 
     t: Array  # [s], shape (n,)
     x: Array  # depth [m] or angle [rad]
@@ -28,7 +28,7 @@ class TrueMotion:
     run: NDArray[np.int64]  # number of the run of each sample
 
     def each(self) -> list[slice]:
-        """The samples of each run."""
+        """Yield the samples of each run."""
         edges = [0, *(np.flatnonzero(np.diff(self.run)) + 1).tolist(), len(self.run)]
         return [slice(start, stop) for start, stop in pairwise(edges)]
 
@@ -38,7 +38,7 @@ def _time(seconds: float) -> Array:
 
 
 def ramps(rng: Generator, speed: float) -> Array:
-    """Constant speed in, a rest, constant speed out, twice; each at its own height."""
+    """Move in at constant speed, rest, and move out, twice, each with its own height."""
     heights = [0.0, 1.0, 1.0, 0.0, 0.0, rng.uniform(0.4, 0.8), 0.5, -0.1, -0.1]
     at, t = 0.0, [0.0]
     for before, after in pairwise(heights):
@@ -48,7 +48,7 @@ def ramps(rng: Generator, speed: float) -> Array:
 
 
 def s_curves(rng: Generator, speed: float) -> Array:
-    """Minimum-jerk moves between heights (Flash and Hogan 1985)."""
+    """Make minimum-jerk moves between heights (Flash and Hogan 1985)."""
     pieces, here = [np.zeros(int(0.2 * FINE_HZ))], 0.0
     for target in (*rng.permutation([1.0, 0.3, 0.7]), -0.1, rng.uniform(0.6, 0.9), 0.0):
         s = _time(max(1.9 * abs(target - here) / speed, 0.15))
@@ -60,7 +60,7 @@ def s_curves(rng: Generator, speed: float) -> Array:
 
 
 def _ridden(rng: Generator, speed: float, ride: Callable[[Array], Array]) -> Array:
-    """Go in, let a ride run about the middle, go out."""
+    """Move in, follow an oscillation about the middle, and move out."""
     middle = 0.55
     t = _time(rng.uniform(4.0, 8.0))
     into = np.minimum(_time(middle / speed + 0.3) * speed, middle)
@@ -69,13 +69,13 @@ def _ridden(rng: Generator, speed: float, ride: Callable[[Array], Array]) -> Arr
 
 
 def chirp(rng: Generator, speed: float) -> Array:
-    """A sine whose frequency rises."""
+    """Follow a sine with rising frequency."""
     low, high = 0.1 * speed, rng.uniform(0.6, 1.5) * speed
     return _ridden(rng, speed, lambda t: np.sin(2 * np.pi * t * (low + 0.5 * (high - low) * t / t[-1])))
 
 
 def multisine(rng: Generator, speed: float) -> Array:
-    """Several sines with random phases."""
+    """Follow several sines with random phases."""
     f = rng.uniform(0.15, 1.2, 5) * speed
     phase = rng.uniform(0, 2 * np.pi, 5)
 
@@ -87,7 +87,7 @@ def multisine(rng: Generator, speed: float) -> Array:
 
 
 def admittance(rng: Generator, speed: float) -> Array:
-    """In at constant speed, then first-order settling to a few levels as a force hold does, then out."""
+    """Move in at constant speed, settle to a few levels with first-order lag as in a force hold, move out."""
     levels = [*rng.uniform(0.5, 1.0, 3), -0.1, rng.uniform(0.4, 0.9), 0.0]
     x, here, lag = [np.zeros(400)], 0.0, rng.uniform(0.1, 0.3)
     for level in levels:
@@ -100,7 +100,7 @@ def admittance(rng: Generator, speed: float) -> Array:
 
 
 def wander(rng: Generator, speed: float) -> Array:
-    """A hand that leads the tool about: a slow random walk with some tremor."""
+    """Follow a hand that guides the tool: a slow random walk with some tremor."""
     t = _time(rng.uniform(5.0, 9.0))
     walk = gaussian_filter1d(rng.standard_normal(len(t)), FINE_HZ * 0.25 / speed)
     walk = (walk - walk.min()) / np.ptp(walk)
@@ -120,15 +120,15 @@ def draw(
     below: float,
     rounding_s: tuple[float, float],
 ) -> tuple[TrueMotion, str]:
-    """A session of several runs, deep and fast to different degrees.
+    """Draw a session of several runs with different depths and speeds.
 
     Args:
-        rng: of the case.
-        size: of a shape's 1 [m or rad].
-        speed: of full heights in a second, in the fastest run [1/s].
-        runs: how many.
-        rounding_s: least and most time over which the drive rounds corners (standard deviation) [s].
-        below: where 0 of a shape lies, in sizes (such as -0.1: in free air).
+        rng: random generator of the case.
+        size: scale of a shape, the value at 1 [m or rad].
+        speed: full heights per second in the fastest run [1/s].
+        runs: number of runs.
+        rounding_s: range of the time over which the drive rounds corners (standard deviation) [s].
+        below: position of a shape's 0, in sizes (such as -0.1: in free air).
     """
     shape = SHAPES[rng.integers(len(SHAPES))]
     rounding = rng.uniform(*rounding_s)

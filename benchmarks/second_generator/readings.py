@@ -1,4 +1,4 @@
-"""What sensors and files make of a motion and an effort: steps, noise, sampling, digits."""
+"""Simulate how sensors and files record motion and effort: steps, noise, sampling, digits."""
 
 from dataclasses import dataclass
 
@@ -13,18 +13,20 @@ LINKS_M = (0.30, 0.25, 0.10)
 
 @dataclass(frozen=True)
 class ReadingChain:
-    """How a case is read; drawn once."""
+    """How a case is recorded; drawn once."""
 
-    rate_hz: float  # of samples
+    rate_hz: float  # sample rate
     irregular: bool  # times jitter, and some rows are lost
-    steps: tuple[int, ...]  # of each joint's encoder in a turn; one entry for a joint, three for an arm's tip
-    digits_m: float  # to which a position is printed; 0 for all digits
+    steps: tuple[
+        int, ...
+    ]  # encoder steps per turn of each joint; one entry for a joint, three for an arm's tip
+    digits_m: float  # rounding of a printed position; 0 for none
     velocity: str  # "none" (the file has no such column), "derived" (by its user) or "given" (a tachometer)
-    color: str  # of the effort's noise: "white", "ar1" or "proportional"
+    color: str  # color of the effort's noise: "white", "ar1" or "proportional"
 
 
 def draw_reading(rng: Generator, kind: str) -> ReadingChain:
-    """Any of the ways in which people record."""
+    """Draw one of the common ways of recording."""
     fine = [2**19, 2**17, 2**16]
     if kind == "contact":
         chain = rng.choice(["arm", "coarse arm", "digits"], p=[0.5, 0.25, 0.25])
@@ -43,7 +45,7 @@ def draw_reading(rng: Generator, kind: str) -> ReadingChain:
 
 
 def sample_times(rng: Generator, reading: ReadingChain, motion: TrueMotion) -> Array:
-    """When samples are taken, run by run [s]."""
+    """Return the times of the samples, run by run [s]."""
     times = []
     for rows in motion.each():
         t = motion.t[rows]
@@ -57,7 +59,7 @@ def sample_times(rng: Generator, reading: ReadingChain, motion: TrueMotion) -> A
 
 
 def read_position(rng: Generator, reading: ReadingChain, x: Array, *, arm: bool) -> Array:
-    """A position through its encoders' steps, or printed with few digits."""
+    """Return a position rounded by encoder steps, or printed with few digits."""
     if reading.digits_m:
         return np.round(x / reading.digits_m) * reading.digits_m
     steps = [2 * np.pi / n for n in reading.steps]
@@ -81,7 +83,7 @@ def read_position(rng: Generator, reading: ReadingChain, x: Array, *, arm: bool)
 
 
 def noise(rng: Generator, reading: ReadingChain, effort: Array, run: Array) -> Array:
-    """Noise of RMS 1: white, first-order autoregressive over 10 samples, or growing with the effort."""
+    """Return noise of RMS 1: white, first-order autoregressive over 10 samples, or growing with effort."""
     white = rng.standard_normal(len(effort))
     if reading.color == "ar1":
         return np.sqrt(1 - 0.9**2) * lfilter([1.0], [1.0, -0.9], white)
@@ -92,7 +94,7 @@ def noise(rng: Generator, reading: ReadingChain, effort: Array, run: Array) -> A
 
 
 def smoothed(x: Array, rate_hz: float, run: Array, seconds: float, order: int) -> Array:
-    """A derivative of a position as read, by quadratic fits over a window (Savitzky and Golay 1964)."""
+    """Return a derivative of a read position by quadratic fits over a window (Savitzky and Golay 1964)."""
     out = np.zeros_like(x)
     for number in np.unique(run):
         rows = run == number
@@ -102,13 +104,13 @@ def smoothed(x: Array, rate_hz: float, run: Array, seconds: float, order: int) -
 
 
 def best_derivative(x: Array, true: Array, rate_hz: float, run: Array, order: int) -> Array:
-    """The best that such a fit can do: the window is chosen by the truth."""
+    """Return the best such derivative, with the window chosen by the truth."""
     tries = [smoothed(x, rate_hz, run, seconds, order) for seconds in (0.005, 0.01, 0.02, 0.04, 0.08, 0.16)]
     return min(tries, key=lambda derivative: float(np.mean((derivative - true) ** 2)))
 
 
 def slope(times: Array, x: Array, run: Array, half: int) -> Array:
-    """Central differences over so many samples to either side, run by run."""
+    """Return central differences over `half` samples to either side, run by run."""
     out = np.zeros_like(x)
     for number in np.unique(run):
         rows = np.flatnonzero(run == number)
@@ -119,10 +121,10 @@ def slope(times: Array, x: Array, run: Array, half: int) -> Array:
 
 
 def at(motion: TrueMotion, times: Array, signal: Array) -> Array:
-    """A fine signal at the times of samples (time never goes back, so one interpolation serves)."""
+    """Interpolate a fine signal at the times of samples (time never decreases, so once is enough)."""
     return np.interp(times, motion.t, signal)
 
 
 def run_at(motion: TrueMotion, times: Array) -> Array:
-    """The run of each sample."""
+    """Return the run of each sample."""
     return motion.run[np.searchsorted(motion.t, times - 0.25 / FINE_HZ).clip(0, len(motion.t) - 1)]

@@ -7,13 +7,13 @@ from .world import CaseWorld, Effect, HiddenEffect, play
 
 
 def bias(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
-    """A zero that is off."""
+    """A wrong zero."""
     b = float(np.sign(u[0] - 0.5)) * s * w.scale
     return HiddenEffect(senses=lambda f: f + b, truth={"offset": b})
 
 
 def drift(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
-    """A zero that wanders at a constant rate from the start."""
+    """A zero that drifts at a constant rate from the start."""
     span = w.motion.t[-1] - w.motion.t[0]
     rate = float(np.sign(u[0] - 0.5)) * 2 * s * w.scale / span
     return HiddenEffect(senses=lambda f: f + rate * (w.motion.t - w.motion.t[0]), truth={"rate": rate})
@@ -26,19 +26,19 @@ def lag(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
 
 
 def delay(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
-    """Everything comes later."""
+    """All readings are delayed."""
     late = 0.1 * s
     return HiddenEffect(senses=lambda f: w.later(f, late), truth={"time": late})
 
 
 def saturation(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
-    """Readings end at a limit."""
+    """Readings are limited."""
     limit = (1 - 0.8 * s) * float(np.abs(w.plain).max())
     return HiddenEffect(senses=lambda f: np.clip(f, -limit, limit), truth={"limit": limit})
 
 
 def deadband(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
-    """Small efforts read as nothing, larger ones less that much."""
+    """Small efforts read as zero, and larger ones are reduced by half the width of the band."""
     width = 0.5 * s * w.scale
     return HiddenEffect(
         senses=lambda f: np.sign(f) * np.maximum(np.abs(f) - width, 0.0), truth={"width": width}
@@ -46,7 +46,7 @@ def deadband(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
 
 
 def hysteresis(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
-    """The reading follows the effort with play, as an elastic body with friction in it does."""
+    """The reading follows the effort with play, as in an elastic body with internal friction."""
     width = s * w.scale
     return HiddenEffect(
         senses=lambda f: w.by_run(lambda rows: play(f[rows], width)), truth={"width": 0.5 * width}
@@ -67,7 +67,7 @@ AFTER_NOISE = frozenset({"saturation", "quantisation"})
 
 
 def crosstalk(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
-    """Another machine's period in the sensor, which no vocabulary has."""
+    """Interference with the period of another machine, which no vocabulary has."""
     f = 3 + 9 * u[0]
     return HiddenEffect(
         senses=lambda force: force + s * w.scale * np.sin(2 * np.pi * (f * w.motion.t + u[1]))

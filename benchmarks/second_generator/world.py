@@ -1,4 +1,4 @@
-"""A case's world before anything is hidden in it, and what an effect may do to it."""
+"""The world of a case before anything is hidden in it, and the ways in which an effect changes it."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -13,28 +13,28 @@ Truth = dict[str, float]
 
 @dataclass(frozen=True)
 class CaseWorld:
-    """A motion and the simple law that moves or resists it."""
+    """A motion and its simple law."""
 
     kind: str  # "contact" or "revolute"
     motion: TrueMotion  # the true one
     base: str  # "kelvin_voigt", "inertia", "pendulum" or "rigid_body"
     law: dict[str, float]  # its parameters: k, c of a contact; J, g, d of a joint
     size: float  # depth or swing of the deepest run [m or rad]
-    fresh: bool  # of a contact: each run presses a spot that was never pressed before
+    fresh: bool  # in a contact: whether each run presses a new spot
 
     @property
     def pressed(self) -> Array:
-        """Depth while pressed, else 0."""
+        """Depth while pressed, otherwise 0."""
         return np.maximum(self.motion.x, 0.0)
 
     @property
     def touching(self) -> Array:
-        """1 while pressed, else 0."""
+        """1 while pressed, otherwise 0."""
         return (self.motion.x > 0.0).astype(float)
 
     @property
     def speed(self) -> float:
-        """A large speed of this motion [m/s or rad/s]."""
+        """The 95 % quantile of the speed [m/s or rad/s]."""
         return float(np.quantile(np.abs(self.motion.v), 0.95))
 
     @property
@@ -55,12 +55,12 @@ class CaseWorld:
 
     @property
     def scale(self) -> float:
-        """A large effort of the simple law."""
+        """The 98 % quantile of the simple law's effort."""
         return float(np.quantile(np.abs(self.plain), 0.98))
 
     @property
     def columns(self) -> Array:
-        """What the simple law can mimic: its regressors."""
+        """Regressors of the simple law."""
         m = self.motion
         if self.kind == "contact":
             return np.column_stack([self.pressed, m.v * self.touching])
@@ -70,15 +70,15 @@ class CaseWorld:
         return np.column_stack([*shapes, np.sin(m.x)] if self.base == "pendulum" else shapes)
 
     def by_run(self, work: Callable[[slice], Array]) -> Array:
-        """Something with a memory, which starts afresh with each run."""
+        """Compute a signal with memory, which starts anew in each run."""
         return np.concatenate([work(rows) for rows in self.motion.each()])
 
     def rate(self, signal: Array) -> Array:
-        """Derivative of a fine signal; runs do not touch."""
+        """Differentiate a fine signal within each run."""
         return self.by_run(lambda rows: np.gradient(signal[rows], 1 / FINE_HZ))
 
     def filtered(self, signal: Array, time_s: float) -> Array:
-        """First-order lag of a signal that is straight over a fine step, exact to the square of the step."""
+        """Return a first-order lag of a signal that is linear within a step, accurate to second order."""
         keep = np.exp(-1 / (FINE_HZ * time_s))
 
         def lag(rows: slice) -> Array:
@@ -88,13 +88,13 @@ class CaseWorld:
         return self.by_run(lag)
 
     def later(self, signal: Array, time_s: float) -> Array:
-        """A signal as it was some time before."""
+        """Return a delayed signal."""
         return self.by_run(
             lambda rows: np.interp(self.motion.t[rows] - time_s, self.motion.t[rows], signal[rows])
         )
 
     def deepest(self) -> Array:
-        """The largest depth so far: of this run on fresh spots, else of the session."""
+        """Return the largest depth so far: in this run on new spots, otherwise in the session."""
         if self.fresh:
             return self.by_run(lambda rows: np.maximum.accumulate(self.pressed[rows]))
         return np.maximum.accumulate(self.pressed)
@@ -102,25 +102,25 @@ class CaseWorld:
 
 @dataclass(frozen=True)
 class HiddenEffect:
-    """What one effect of a certain size does."""
+    """Changes that an effect of a certain size causes."""
 
-    adds: Array | float = 0.0  # to the effort of the object or joint, shape (n,)
-    one_sided: bool = False  # `adds` belongs to what can only push
-    # From what is there (effort) to the position read less the true one.
+    adds: Array | float = 0.0  # added to the effort of the object or joint, shape (n,)
+    one_sided: bool = False  # whether `adds` belongs to an object that can only push
+    # Maps the true effort to the error of the position reading.
     moves: Callable[[Array], Array] | None = None
-    # From the effort to what the sensor says; None for a faithful one.
+    # Maps the effort to the sensor reading; None for an exact sensor.
     senses: Callable[[Array], Array] | None = None
-    # Its parameters, by the names of the library where it has them; of another effect, such as the spring
-    # that it replaces, by "effect.parameter".
+    # Its parameters by the names of the library, if it has them. Parameters of another effect, such as the
+    # spring that it replaces, are named "effect.parameter".
     truth: Truth | None = None
 
 
-# Of the world, a size in (0, 1], and four chances in 0..1
+# Arguments: the world, a size in (0, 1], and four random numbers in [0, 1).
 Effect = Callable[[CaseWorld, float, Array], HiddenEffect]
 
 
 def effort_and_position(world: CaseWorld, hidden: Iterable[HiddenEffect]) -> tuple[Array, Array]:
-    """The effort as sensed without noise, and the position as read without steps."""
+    """Return the sensed effort without noise, and the read position without steps."""
     some = list(hidden)
     m = world.motion
     one_sided = [effect.adds for effect in some if effect.one_sided]
@@ -141,7 +141,7 @@ def effort_and_position(world: CaseWorld, hidden: Iterable[HiddenEffect]) -> tup
 
 
 def not_mimicked(world: CaseWorld, hidden: Iterable[HiddenEffect]) -> float:
-    """RMS of the part of some effects that the simple law cannot take over with other parameters."""
+    """Return the RMS of the part of some effects that the simple law cannot mimic."""
     effort, position = effort_and_position(world, hidden)
     m = world.motion
     v = world.rate(position)
@@ -151,13 +151,13 @@ def not_mimicked(world: CaseWorld, hidden: Iterable[HiddenEffect]) -> float:
     columns = seen.columns[rows]
     norm = np.linalg.norm(columns, axis=0)
     columns = columns / np.where(norm > 0, norm, 1.0)
-    rest = effort[rows] - seen.plain[rows]  # an object lets go before its damper pulls: no column has that
+    rest = effort[rows] - seen.plain[rows]  # contact ends before the damper pulls, which no column describes
     gains = np.linalg.lstsq(columns, rest, rcond=None)[0]
     return float(np.sqrt(np.mean((rest - columns @ gains) ** 2)))
 
 
 def sized(world: CaseWorld, effect: Effect, chances: Array, target: float) -> HiddenEffect | None:
-    """The effect so large that the simple law misses this much; None if it never does."""
+    """Return the effect at the size at which the simple law misses this much; None if it never does."""
     low, high = 1e-4, 1.0
     if not_mimicked(world, [effect(world, high, chances)]) < target:
         return None
@@ -171,7 +171,7 @@ def sized(world: CaseWorld, effect: Effect, chances: Array, target: float) -> Hi
 
 
 def play(signal: Array, width: float) -> Array:
-    """The play (backlash) operator: the output follows when an edge of the gap is reached."""
+    """Apply the play (backlash) operator: the output follows when an edge of the gap is reached."""
     out = np.empty_like(signal)
     here = float(signal[0])
     half = 0.5 * width

@@ -371,7 +371,7 @@ def models_by_importance(search: Search, fit: FitResult) -> list[FitResult]:
 def indistinguishable_models(
     search: Search, fit: FitResult, name: str, measurement: MeasurementModel
 ) -> dict[str, FitResult]:
-    """Fit models in which another effect replaces one effect, and that the data do not reject; keyed by it.
+    """Fit models, by name of a replacing effect, that the data do not reject in place of the accepted model.
 
     Single alternatives come first, the best first, followed by composite effects that also replace other
     effects of the model: friction that differs by direction is Coulomb friction and a bias.
@@ -406,7 +406,7 @@ def _composites(search: Search, fit: FitResult, name: str) -> Iterator[tuple[str
 
 
 def similar_forms(search: Search, fit: FitResult, name: str) -> dict[str, FitResult]:
-    """Fit models with another effect of the kind that explains as much with no more parameters; keyed by it.
+    """Fit models, by name, with another effect of the kind that explains as much with no more parameters.
 
     Args:
         search: the search of the channel.
@@ -422,7 +422,7 @@ def similar_forms(search: Search, fit: FitResult, name: str) -> dict[str, FitRes
 
 
 def as_good_effects(search: Search, fit: FitResult, name: str) -> dict[str, FitResult]:
-    """Fit models with an effect of another kind that explains as much with no more parameters; keyed by it.
+    """Fit models, by name, with an effect of another kind that explains as much with no more parameters.
 
     Only parameters that the data determine count. If a joint never reverses, its friction looks like a bias;
     over a short range, a weight looks like a spring. A replacement's squared error is at most 1 / `AS_GOOD`

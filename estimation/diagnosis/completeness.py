@@ -56,7 +56,7 @@ class Completeness:
         return fit not in self.incomplete and self.leaves_noise(fit) and self.residual_finding(fit) is None
 
     def leaves_smoothing(self, fit: FitResult) -> bool:
-        """Return whether smoothing of the motion may cause all that signals explain of a model's error.
+        """Return whether smoothing of the motion may cause all of the error that signals explain.
 
         Bootstrap samples contain this error only to first order. If it is most of the error, the residual
         checks say nothing about other causes.

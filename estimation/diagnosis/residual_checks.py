@@ -58,7 +58,7 @@ _DISTINCT = 1.5  # least ratio of the error with the next best gain
 _GAIN_OF_WAVES = 0.7  # largest error with waves fitted to each run, relative to the model's error
 _FEW = 0.05  # share of the samples with the largest errors
 _PEAKED = 0.8  # least share of the squared error in these samples that is not noise; normal noise has 0.28
-RARE_EVENTS = "rare events"  # on which an error depends that few samples hold
+RARE_EVENTS = "rare events"  # signal of an error that is concentrated in few samples
 _PEAK = 0.2  # least share of the variance at a reported frequency
 
 
@@ -200,7 +200,7 @@ def _oscillation(end: FitResult) -> ResidualFinding | None:
 
 
 def find_rare_events(end: FitResult, noise: MeasurementNoise) -> ResidualFinding | None:
-    """Report an error that few samples hold; None without one, or if it is as small as a measured noise.
+    """Report an error concentrated in few samples; None without one, or if it is within measured noise.
 
     Args:
         end: a model that no flexible regression improves.

@@ -517,7 +517,7 @@ def _explained_variance(evidence: Evidence) -> str:
 
 
 def _describe_motion_error(evidence: Evidence) -> str:
-    """Describe what errors of the motion may cause of the error of a complete model."""
+    """Describe how much of a complete model's error may come from errors in the motion."""
     end, unit = evidence.end, evidence.search.data.effort_unit
     if is_mostly_smoothing(end, evidence.measurement):
         smoothing = with_unit(smoothing_error(end, evidence.measurement), unit)

@@ -166,7 +166,7 @@ def _bins(signal: FloatArray, unit: str, engaged: BoolArray) -> dict[str, BoolAr
 
 
 AT_NOISE = 1.1  # ratio to the noise below which an error is within the noise
-# What is said of an error above the noise in which no test shows a missing effect.
+# Text for an error above the noise if no test shows a missing effect.
 MAY_BE_NOISE = (
     "but neither a flexible regression nor the residual checks show a missing effect. The noise may be "
     "larger than estimated, or the measured motion may have errors"

@@ -156,7 +156,7 @@ class ModelStudy(StudyFits):
     def settle(
         self, diagnosed: Sequence[ChannelDiagnosis], probe: NextProbe | None
     ) -> list[ChannelDiagnosis]:
-        """Give each channel its next experiment, or state that none is expected to separate its explanations.
+        """Add to each channel its next experiment, or a note that none should separate its explanations.
 
         Args:
             diagnosed: diagnoses of channels of this study.
