@@ -85,7 +85,7 @@ class Model:
         if duplicates:
             raise InputError(
                 f"model '{self.name}' would have {', '.join(sorted(duplicates))} more than once: "
-                "an effect of the base model or of an earlier revision is not added again"
+                "an effect of the base model or of an earlier revision cannot be added again"
             )
 
     def with_effect(self, effect: Effect, *, first: bool = False) -> "Model":

@@ -126,9 +126,9 @@ def stuck_in_air(data: ChannelData) -> str | None:
     if not stuck.any():
         return None
     return (
-        f"{100 * np.mean(stuck[~data.engaged]):.0f} % of free air shows exactly {data.effort.min():.6g} "
-        f"{data.effort_unit}, and no sample shows less: the sensor is at the lower end of its range. "
-        "Such samples are left out; shift the range, or preload the sensor"
+        f"{100 * np.mean(stuck[~data.engaged]):.0f} % of the samples in free air are exactly "
+        f"{data.effort.min():.6g} {data.effort_unit}, and none is lower: the sensor is at the lower end of "
+        "its range. Such samples are left out; shift the range, or preload the sensor"
     )
 
 
@@ -300,8 +300,8 @@ def rectified(data: ChannelData) -> str | None:
     count, noise = _count_folded(effort, data.run)
     if not count and _is_magnitude(effort, data):
         return (
-            "no reading is below zero, but without its sign the effort does not follow the motion: it is the "
-            "size of an effort that changes sign; record it with its sign"
+            "no reading is below zero, but the effort follows the motion only if its sign changes: it was "
+            "recorded as an absolute value; record it with its sign"
         )
     reason = _FOLDED.format(count=count, noise=noise, unit=data.effort_unit)
     return f"{reason}; record it with its sign" if count else None

@@ -79,7 +79,7 @@ def write_page(batch: BatchResult) -> None:
         value = f"{significant(entry.value)} {entry.unit}"
         outliers.append((place, entry.parameter, value, f"{entry.z:+.1f}", report))
     about_outliers = (
-        "Values farther from the median of their group than 1 % of normal groups of this size contain. "
+        "Values so far from the median of their group that 1 % of normally distributed groups contain one. "
         "z is relative to the median absolute deviation (times 1.48) and the value's standard error.",
     )
     errors = list(batch.errors.items())[:_MOST_ROWS]

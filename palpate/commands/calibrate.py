@@ -130,13 +130,13 @@ def force(
                 above = most - fit.zero.value
                 shown_n = above * (fit.scale.value + above * (fit.curvature.value if fit.curvature else 0.0))
                 remarks[-1] += (
-                    f"; it never shows more than {shown_n:.3g} N: set limits.force_n below that, or use a "
-                    "sensor with a larger range"
+                    f"; the sensor never shows more than {shown_n:.3g} N: set limits.force_n below that, or "
+                    "use a sensor with a larger range"
                 )
         if fit.drift_n is not None:
             remarks.append(
-                f"the reading drifts by {fit.drift_n.value:+.2g} N during the record; the zero is that of "
-                "its middle, with an uncertainty that covers start and end: let the sensor warm up"
+                f"the reading drifts by {fit.drift_n.value:+.2g} N during the record; the zero applies to "
+                "its middle, and the uncertainty covers start and end: let the sensor warm up"
             )
         if fit.unsettled_n:
             remarks.append(

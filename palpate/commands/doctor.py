@@ -145,5 +145,5 @@ def _next_steps(
         return [(f"{again} --move", "signs of joints and force, by hand and under power")]
     return [
         ("palpate calibrate --help", "calibrate zeros, force sensor, drives and base before the first touch"),
-        (f"palpate probe {arm}{own} {FIRST_PROBE}", "then a first probe, slow and soft, onto something soft"),
+        (f"palpate probe {arm}{own} {FIRST_PROBE}", "then a first slow and gentle probe of something soft"),
     ]

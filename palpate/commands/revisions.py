@@ -158,7 +158,7 @@ def revisions_command(data: DataArguments, as_json: JsonOption = False, folder: 
         if differing:
             console.warn(
                 f"revision {', '.join(differing)}: the data differ from those of the newest revision; the "
-                "file, or the options with which it is read, were changed"
+                "file or its reading options have changed"
             )
 
     def show() -> None:

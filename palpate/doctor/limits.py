@@ -149,11 +149,11 @@ def _sensor_axis(robot_file: RobotFile, body: RigidBody) -> Finding:
         "sensor_axis_tip",
         f"the tool pushes {describe_direction(push)} when the arm is at home",
         (_FAIL, moved_m < _STILL_M, "no joint moves the tool in this direction: correct it"),
-        (_FAIL, outwards < -_OUTWARDS, "this is back towards the arm: reverse it, or correct tip_frame"),
+        (_FAIL, outwards < -_OUTWARDS, "this points back towards the arm: reverse it, or correct tip_frame"),
         (
             _WARN,
             outwards < _OUTWARDS,
-            "this is across the last link: correct it if the tool does not push so",
+            "this is across the last link: correct it unless the tool pushes that way",
         ),
     )
 

@@ -244,7 +244,7 @@ def ransac_map(by_noise: Mapping[str, Sequence[Row]]) -> Figure:
         above.set_ylabel("samples in a subset\n(1000 trials)")
         below.set(xlabel="threshold [N]", ylabel="trials\n(subsets of 5)")
     figure.colorbar(
-        image, ax=all_axes, label="error of k divided by the bound", extend="max", shrink=0.8, format="%g"
+        image, ax=all_axes, label="error in k divided by the bound", extend="max", shrink=0.8, format="%g"
     )
     return figure
 

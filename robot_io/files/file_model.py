@@ -247,7 +247,7 @@ ZeroAngle = Annotated[Number, between(-25.0, 25.0, "rad")]
 Capacity = Annotated[Positive, Field(le=1e5)]
 """Largest force that a force sensor can measure [N]; larger sensors are too heavy for an arm."""
 TorqueConstant = Annotated[Number, between(1e-3, 100.0, "N m/A")]
-"""Torque of a motor, or behind its gear, for its current [N m/A]."""
+"""Torque per current of a motor, or of a motor with its gear [N m/A]."""
 
 
 def problem_at(key: str, text: str) -> PydanticCustomError:

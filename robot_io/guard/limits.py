@@ -101,7 +101,7 @@ _LATE = "check cable and supply; palpate doctor shows what rates the buses can c
 _END_OF_RANGE = "palpate doctor shows the ranges; check that the robot file describes this device"
 _LAGS = "is it blocked, too heavily loaded, or weaker than the robot file says? See palpate doctor --move"
 _OUTSIDE = "bring it back by hand; if it may go there, widen limits.position_min_rad and position_max_rad"
-_TOO_FAST = "plan slower moves; if it may go as fast, raise limits.velocity_rad_s"
+_TOO_FAST = "plan slower moves; if it may move this fast, raise limits.velocity_rad_s"
 _TOO_STRONG = "press with less force, or more slowly; if arm and sensor can bear it, raise limits.force_n"
 
 

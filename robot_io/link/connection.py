@@ -176,7 +176,7 @@ class LinkConnection:
             )
         except zenoh.ZError as error:
             where, why = settings.config or f"{_LOOPBACK}:{settings.port}", cause(error)
-            hint = f"; is it taken by another {role}?" if "already in use" in why else ""
+            hint = f"; is another {role} using it?" if "already in use" in why else ""
             raise InputError(f"link {where}: {why}{hint}") from None
         self._put: Callable[[bytes], object] = self._publisher.put
 

@@ -185,7 +185,7 @@ class MitBus(PolledMotorBus[MitState]):
                 reported = self._register(joint, register)
                 if not abs(reported - stated) <= _SAME_RANGE * stated:
                     problem = f"its {register.name} is {reported:g}, but the robot file states {stated:g}"
-                    raise self._motor_error(joint, f"{problem}: state its 'ranges', or set the motor")
+                    raise self._motor_error(joint, f"{problem}: correct its 'ranges', or the motor's setting")
             if self._dialect.position_register:
                 # Its position must agree with its states, on the same turn.
                 register = self._dialect.position_register

@@ -265,7 +265,8 @@ class ServoPairs:
             value = f"stand {abs(ahead):.4f} rad apart; pair_tolerance_rad is {self._tolerance_rad:g}"
             agreeing_rad = zero_rad - ahead
             remedy = (
-                f"check horns and 'reversed'; if right, set the second servo's zero_rad to {agreeing_rad:.4f}"
+                "check horns and 'reversed'; if they are right, "
+                f"set the second servo's zero_rad to {agreeing_rad:.4f}"
             )
             agree = abs(ahead) <= self._tolerance_rad
             findings.append(ok(label, value) if agree else fail(label, value, remedy))

@@ -124,7 +124,7 @@ REJECTED = {
     "record at least 60": lambda: DATA.select(COUNT[:59]),
     "only 0 samples": lambda: DATA.select(COUNT[:0]),
     "was rectified; record it with its sign": lambda: replace(swinging(), effort=np.abs(swinging().effort)),
-    "size of an effort that changes sign": lambda: with_lost_sign(0.3),
+    "recorded as an absolute value": lambda: with_lost_sign(0.3),
     "was the sign cut off": lambda: replace(swinging(), effort=np.maximum(swinging().effort, 0.0)),
     "fewer than two runs have": press(**SHORT_RUNS, run=np.maximum(COUNT - 1500, 0) // 5),
     "runs last": press(run=COUNT // 8),
@@ -173,7 +173,7 @@ IMPLAUSIBLE = {  # what is said of it, and how often
     "of the loaded samples show -0.9 N m: the sensor is saturated": lambda: replace(
         swinging(), effort=np.maximum(swinging().effort, -0.9)
     ),
-    "of free air shows exactly 1 N, and no sample shows less": press(effort=np.maximum(F, 1.0)),
+    "of the samples in free air are exactly 1 N, and none is lower": press(effort=np.maximum(F, 1.0)),
     "the force is 0.5 s late relative to the motion (correlation 0.99": press(effort=np.roll(F, 250)),
     "the signal was rectified, and": press(effort=np.abs(F)),
     "was one column used for both?": press(effort=0.5 * DATA.position),
@@ -191,7 +191,7 @@ IMPLAUSIBLE = {  # what is said of it, and how often
 def test_no_share_of_free_air_is_stated_for_a_few_samples(count):
     limited = replace(DATA, effort=np.maximum(F, 1.0))
     few = limited.select(np.flatnonzero(DATA.engaged | (np.cumsum(~DATA.engaged) <= count)))
-    assert any("of free air shows" in warning for warning in quality_warnings(few)) == (count == 20)
+    assert any("of the samples in free air" in warning for warning in quality_warnings(few)) == (count == 20)
 
 
 @pytest.mark.parametrize(

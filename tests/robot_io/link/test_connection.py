@@ -53,7 +53,7 @@ def test_second_follower_is_refused_in_one_line():
     settings, clock = LinkSettings(port=free_port()), MonotonicClock()
     with (
         LinkConnection("follower", settings, clock),
-        pytest.raises(InputError, match="by another follower") as refused,
+        pytest.raises(InputError, match="is another follower using it") as refused,
     ):
         LinkConnection("follower", settings, clock)
     assert ".rs" not in str(refused.value)
