@@ -3,14 +3,23 @@
 from collections.abc import Callable, Sequence
 from functools import partial
 
+from scipy.optimize import brentq
+
 from palpate.sim_backend.contact_laws import ObjectLaw
 from palpate.sim_backend.contact_laws.standard import EngineContact
 from palpate.sim_backend.engines import Engine
 from palpate.sim_backend.hooks import ContactEffect, ContactState, HiddenEffects, MaterialEffect, ToolEffect
 
+_RECOVERED_M = 1e-9  # depth from which a free surface counts as recovered
+
 
 class ObjectResponse:
     """Force of an object on the tip: its law, with hidden effects in material, surface and tool.
+
+    Where the tip does not push, the surface is free: law and material exert no force, and the surface
+    recovers as fast as they allow. A spring and a damper recover with the time constant c / k (T. C. T. Ting,
+    J. Appl. Mech. 33, 1966). The tip touches the surface again where it is then. The surface of the engine's
+    own contact recovers at once, and adhesion refers to the undeformed surface.
 
     Args:
         effects: hidden effects; those of contact and tool act here.
@@ -21,6 +30,8 @@ class ObjectResponse:
         self._material = [effect for effect in effects.contact if isinstance(effect, MaterialEffect)]
         self._skin = [effect for effect in effects.contact if not isinstance(effect, MaterialEffect)]
         self._tools = effects.tool
+        # Depth of the surface [m], and whether the tip touches it: after the last completed step, and call.
+        self._surface = self._tried_surface = 0.0, False
 
     def force_n(self, law: ObjectLaw, state: ContactState, engine_force_n: float | None = None) -> float:
         """Compute the force on the tip along the surface normal [N], and update the effects' memories.
@@ -36,22 +47,59 @@ class ObjectResponse:
         force_n = answer_n(state)
         for memory in self._memories:
             memory.commit_state()
+        self._surface = self._tried_surface
         return force_n
 
     def _object_n(self, law: ObjectLaw, engine_force_n: float | None, state: ContactState) -> float:
         """Compute the force of law and effects for a motion, which may be a trial of a solver [N]."""
         for material in self._material:
             state = material.transform_state(state)
-        if engine_force_n is not None:
-            force_n = engine_force_n
+        if engine_force_n is None:
+            touching, force_n = self._find_surface(law, state)
         else:
-            force_n = law.material_force_n(state.depth_m, state.rate_m_s) if state.depth_m > 0.0 else 0.0
+            touching, force_n = state, self._material_n(state, engine_force_n)
         for material in self._material:
-            force_n = material.contact_force_n(state, force_n)
+            if material.acts_on_tip:
+                force_n = material.contact_force_n(touching, force_n)
         if force_n < 0.0 and not law.can_pull:
             force_n = 0.0
         for effect in self._skin:
             force_n = effect.contact_force_n(state, force_n)
+        return force_n
+
+    def _find_surface(self, law: ObjectLaw, state: ContactState) -> tuple[ContactState, float]:
+        """Return the motion of the tip, its depth at most 0 where it does not touch, and the force [N]."""
+        before_m, was_touching = self._surface
+        if state.depth_m <= 0.0 and not (before_m or was_touching or self._material):  # free air, for speed
+            self._tried_surface = 0.0, False
+            return state, 0.0
+
+        def moved_n(surface_m: float) -> float:
+            """Return the force of law and material if the surface moves there within the step [N]."""
+            rate_m_s = (surface_m - before_m) / state.step_s
+            moved = state._replace(depth_m=surface_m, rate_m_s=rate_m_s)
+            return self._material_n(moved, law.material_force_n(surface_m, rate_m_s))
+
+        depth_m = state.depth_m
+        if depth_m > 0.0 and (was_touching or moved_n(depth_m) > 0.0):
+            force_n = self._material_n(state, law.material_force_n(depth_m, state.rate_m_s))
+            if force_n > 0.0 or law.can_pull or not was_touching:
+                self._tried_surface = depth_m, True
+                return state, force_n
+        surface_m = max(depth_m, _RECOVERED_M)
+        if before_m > surface_m and moved_n(surface_m) < 0.0 <= moved_n(before_m):
+            surface_m = brentq(moved_n, surface_m, before_m, xtol=1e-3 * _RECOVERED_M)
+        if surface_m <= _RECOVERED_M:
+            surface_m = 0.0
+        moved_n(surface_m)  # the last call determines the memories
+        self._tried_surface = surface_m, False
+        return state._replace(depth_m=min(depth_m, 0.0)), 0.0
+
+    def _material_n(self, state: ContactState, force_n: float) -> float:
+        """Add the forces of effects inside the material to that of the law [N]."""
+        for material in self._material:
+            if not material.acts_on_tip:
+                force_n = material.contact_force_n(state, force_n)
         return force_n
 
 
@@ -133,7 +181,7 @@ class TipContact:
         self._engine = engine
         self._object = target
         self._step_s = step_s
-        self._response = ObjectResponse(effects) if effects.contact or effects.tool else None
+        self._response = ObjectResponse(effects)
         self._last_speed_m_s: float | None = None
 
     def update(self, time_s: float) -> None:
@@ -148,13 +196,8 @@ class TipContact:
         self.rate_m_s = speed if last_speed is None else 1.5 * speed - 0.5 * last_speed
         self.depth_m = self._object.surface_height_m - self.tip_position_m[2]
         engine_force_n = self._engine.surface_force_n() if self._object.is_engine_contact else None
-        if self._response is not None:
-            state = ContactState(time_s, self._step_s, self.depth_m, self.rate_m_s)
-            self.force_n = self._response.force_n(self._object.law, state, engine_force_n)
-        elif engine_force_n is None:
-            self.force_n = self._object.law.force_n(self.depth_m, self.rate_m_s)
-        else:
-            self.force_n = engine_force_n
+        state = ContactState(time_s, self._step_s, self.depth_m, self.rate_m_s)
+        self.force_n = self._response.force_n(self._object.law, state, engine_force_n)
         self.push_n = self.force_n - (engine_force_n or 0.0)
 
     def restart(self) -> None:

@@ -6,7 +6,7 @@ Effects are small objects called at each physics step or sample; they may keep a
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 from palpate.robot_io.types import FloatArray
 
@@ -55,6 +55,9 @@ class ContactEffect(ABC):
 
 class MaterialEffect(ContactEffect):
     """Part of the object's material, added to the law before the sum is limited to pushing."""
+
+    # Whether it acts between tip and surface, and thus not on a free surface.
+    acts_on_tip: ClassVar[bool] = False
 
     def transform_state(self, state: ContactState) -> ContactState:
         """Compute the motion that acts on the material; a changed geometry enters here.

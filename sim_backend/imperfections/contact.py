@@ -200,6 +200,8 @@ class HiddenDryFriction(ContactImperfection):
 class _BristleFriction(_StatefulContact[HiddenDryFriction, tuple[float, float]], MaterialEffect):
     """State of the friction: depth [m] and force [N]."""
 
+    acts_on_tip = True
+
     def contact_force_n(self, state: ContactState, force_n: float) -> float:
         """Add z = f + (z0 - f) exp(-abs(dx) / s) in contact.
 
@@ -218,7 +220,8 @@ class HiddenStressRelaxation(ContactImperfection):
     """F += sum of F_i, dF_i/dt = k_i dx/dt - F_i / tau_i: one or two Maxwell branches parallel to the spring.
 
     The generalized Maxwell (Wiechert) solid; Ferry, "Viscoelastic Properties of Polymers", 1980, ch. 1. Only
-    the object's own spring remains in the end. The branches continue to relax after the tip has left.
+    the object's own spring remains in the end. After the tip has left, the surface recovers without force,
+    with the time constant tau_1 / (1 - f) for one branch with the share f of the stiffness.
     """
 
     name = "stress_relaxation"

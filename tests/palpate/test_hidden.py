@@ -223,7 +223,7 @@ def test_lagging_force_sensor_is_identified_from_a_joint(tmp_path, monkeypatch):
 
 
 def test_error_of_the_surface_is_not_taken_for_a_free_surface(tmp_path):
-    """In the simulator, the strain is zero in free air; the surface is found with an error of 0.5 mm."""
+    """The object recovers before the next run; the surface is found with an error of 0.5 mm."""
     hidden = IMPERFECTIONS["stress_relaxation"](stiffness_n_m=517.0, time_s=0.093)
     path, world = tmp_path / "relaxing.mcap", Scenario().with_hidden([hidden])
     run_probing(ProbingJob(find_robot(DEFAULT), path, ProbingPlan(), scenario=world, seed=1, online=None))

@@ -62,10 +62,35 @@ def test_second_touch_finds_the_branches_still_relaxing():
     hold, away = np.full(2000, 0.01), np.full(80, -0.01)
     again = press([entry], np.concatenate([hold, away, hold]), rate_m_s=0.0)
     fresh, soon = again[0], again[2080]
+    tau_s = 0.2 * (K + 1000.0) / K  # of a free surface
     assert soon == pytest.approx(
-        fresh - 1000.0 * 0.01 * (1 - np.exp(-0.5 / 0.2)) * np.exp(-0.02 / 0.2), rel=0.01
+        fresh - 1000.0 * 0.01 * (1 - np.exp(-0.5 / 0.2)) * np.exp(-0.02 / tau_s), rel=1e-3
     )
     assert not again[2000:2080].any()
+
+
+@pytest.mark.parametrize(
+    ("law", "entries", "free_m"),
+    [
+        (KelvinVoigtLaw(stiffness_n_m=K, damping_n_s_m=100.0), [], lambda t: 0.01 * np.exp(-t / 0.2)),
+        (
+            HuntCrossleyLaw(stiffness=7000.0, damping=7e5, exponent=1.5),
+            [hidden("tool_compliance", compliance_m_n=1e-4)],
+            lambda t: 0.01 - 0.01 * t,
+        ),
+        (
+            SPRING,
+            [hidden("stress_relaxation", stiffness_n_m=1000.0, time_s=0.1)],
+            lambda t: 0.01 * 2 / 3 * np.exp(-t / 0.3),
+        ),
+    ],
+)
+def test_free_surface_recovers_without_force(law, entries, free_m):
+    """The tip leaves it at 10 mm, and presses again slowly from the undeformed surface on."""
+    held, in_air, again = np.full(4000, 0.01), np.full(800, -0.01), np.linspace(0.0, 0.01, 2000)
+    force = press(entries, np.concatenate([held, in_air, again]), law=law)
+    touch = int(np.argmax(force[4800:] > 0.0))
+    assert again[touch] == pytest.approx(free_m((touch + 801) * STEP_S), rel=0.01)
 
 
 def test_quadratic_damping_opposes_the_squared_speed():
