@@ -42,6 +42,7 @@ from palpate.estimation.data.units import (
 )
 from palpate.estimation.signals.arm_signals import ARM_MOTION, PAYLOAD, REGRESSOR, TORQUE
 from palpate.estimation.signals.blocks import blocks, number_pieces
+from palpate.estimation.signals.motion import never_returns
 from palpate.estimation.signals.runwise import sample_time, shift
 from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.robot_io.errors import InputError
@@ -512,7 +513,8 @@ def _passive_power(channel: ChannelData) -> float:
     explains more than a small share of what the damping explains. The effort is then early or late, or a gap
     delays it. If an earlier effort is explained much better, the inertia and damping of this effort count.
     A positive stiffness of a linear axis contradicts as well, since gravity is constant there: the delayed
-    effort of a spring is like a negative damping.
+    effort of a spring is like a negative damping. So does the work of a drive that never returns, where any
+    law of the position may look like damping: a drive slows down where its load is large.
 
     Sources: J. C. Willems, Arch. Rational Mech. Anal. 45 (1972), dissipative systems; J. E. Colgate, G. G.
     Schenkel, J. Robot. Syst. 14 (1997), delayed springs.
@@ -534,6 +536,9 @@ def _passive_power(channel: ChannelData) -> float:
 
     effort = beside_position(channel.effort)
     damping, inertia, error = fit(effort)
+    takes_work = float(channel.effort @ channel.velocity) > 0.0
+    if damping < 0.0 and takes_work and never_returns(channel.position, channel.run):
+        return 0.0
     if damping < 0.0 and channel.kind is ChannelKind.PRISMATIC:
         constant = np.ones(len(channel))
         others = scipy.linalg.orth(np.column_stack([constant, channel.velocity, channel.acceleration]))

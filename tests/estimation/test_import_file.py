@@ -473,6 +473,15 @@ def test_late_spring_of_a_linear_axis_is_no_reaction(tmp_path, sign, late_s):
     assert any("opposes" in note for note in imported.notes) is (sign < 0.0)
 
 
+def test_drive_that_slows_down_under_load_in_one_turn_is_no_reaction(tmp_path):
+    q = np.linspace(0.0, 6.0, 2000)
+    v = 1.0 - 0.5 * np.sin(3.0 * q)
+    time_s, load = np.cumsum(np.gradient(q) / v), 2.0 + np.sin(3.0 * q)
+    table = {"time_s": time_s, "position_rad": q, "torque_Nm": load}
+    imported = import_file(write_csv(tmp_path / "turn.csv", table))
+    assert not any("opposes" in note for note in imported.notes)
+
+
 def test_joint_with_a_clear_sign_decides_for_the_others(tmp_path):
     first, second = swung(sign=-1.0), swung(sign=-1.0, friction=0.0)
     columns = {"time_s": first["time_s"]}
