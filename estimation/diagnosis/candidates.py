@@ -35,7 +35,7 @@ ESSENTIAL = 0.02  # least share of the squared error that the characteristic par
 _FEW_STARTS = 4  # start values in a quick screening
 _FAR_END = 0.99  # share of the upper bound above which a logarithmic parameter is undetermined
 # Multiple of the range of motion, the longest run, or the largest speed or effort, above which a parameter is
-# undetermined, depending on its unit.
+# undetermined, depending on its unit; for the largest effort, also the multiple for an effect's own effort.
 _FAR = 10.0
 _STEP = 1e-4  # step of a finite difference, relative to the deepest indentation
 _MAX_UNSTABLE = 0.01  # tolerated share of unstable samples, since a corner of the law may be as steep
@@ -255,7 +255,7 @@ def start_columns(fit: FitResult, effect: Effect) -> Iterator[FloatArray]:
 
 
 def is_possible(effect: Effect, solution: Solution, problem: FitProblem) -> bool:
-    """Check that an effect's inner parameters are plausible and its essential gains explain enough.
+    """Check that an effect's parameters and effort are plausible and its essential gains explain enough.
 
     Args:
         effect: an effect of the model.
@@ -278,6 +278,12 @@ def is_possible(effect: Effect, solution: Solution, problem: FitProblem) -> bool
         if not low <= size <= high:
             return False
     is_own = np.array([name.startswith(f"{effect.name}.") for name in solution.model.gains], dtype=np.bool_)
+    # Efforts far larger than their sum come from collinear columns (Belsley, Kuh, Welsch, Wiley 1980),
+    # which imitate a third law: a weight and a spring over a small angle imitate a cubic spring.
+    gains = np.array([solution.parameters[name] for name in solution.model.gains])
+    own_effort = solution.columns[:, is_own] @ gains[is_own]
+    if np.mean(own_effort**2) > (_FAR * data.largest_effort) ** 2:
+        return False
     simpler = effect.simpler(solution.columns[:, is_own])
     if simpler.shape[1] == len(effect.gains):
         return True

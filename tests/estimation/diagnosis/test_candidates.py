@@ -147,6 +147,30 @@ def test_inner_parameters_are_within_ten_times_the_scale_of_the_data(parameter, 
     assert is_possible(effect, tried(effect, [5.0], [ONES], inner=[value]), LinearProblem()) is possible
 
 
+@pytest.mark.parametrize(
+    ("values", "possible"),
+    [([29.9], True), ([30.1], False), ([300.0, -299.0], True), ([300.0, -200.0], False)],
+)
+def test_own_effort_is_within_ten_times_the_largest(values, possible):
+    effect = Made(*(gain(f"g{number}") for number in range(len(values))))
+    found = tried(effect, values, [ONES] * len(values))
+    assert is_possible(effect, found, LinearProblem()) is possible
+
+
+@pytest.mark.parametrize(
+    ("torque", "possible"),
+    [(lambda q: 3.0 * np.sin(q + 1.0), True), (lambda q: 10.0 * q - 20.0 * q**2 + 20.0 * q**3, False)],
+    ids=["weight", "hardening spring"],
+)
+def test_weight_does_not_imitate_a_hardening_spring_over_a_small_angle(torque, possible):
+    data, noise = swings(1), 0.02 * np.random.default_rng(0).standard_normal(len(SWUNG))
+    q, v, a = (0.1 * signal for signal in (data.position, data.velocity, data.acceleration))
+    data = replace(data, position=q, velocity=v, acceleration=a, effort=torque(q) + 0.3 * v + noise)
+    fit = fit_model(data, model("stiffness", "damping", "weight", "bias"), {})
+    for name in ("weight", "bias"):
+        assert is_possible(EFFECTS[name](), fit.solution, fit.problem) is possible
+
+
 @pytest.mark.parametrize(("share", "possible"), [(0.021, True), (0.019, False)])
 def test_essential_parameter_explains_two_percent_of_the_squared_error(share, possible):
     effect, wave = (
