@@ -11,6 +11,7 @@ from palpate.estimation.signals.motion import never_returns
 from palpate.robot_io.types import FloatArray
 
 TRANSITION = Parameter("transition", "{position}/s", 1e-9, 1e3, (1e-4, 0.05), log=True)
+_DRIVEN = 0.05  # largest work that a fitted friction supplies to the motion, relative to what it dissipates
 
 
 class CoulombFriction(AdditiveEffect):
@@ -151,6 +152,15 @@ class PositionDependentFriction(AdditiveEffect):
         sliding = np.tanh(data.velocity / inner["transition"])
         angle = inner["cycles"] * data.position
         return np.column_stack([sliding, sliding * np.sin(angle), sliding * np.cos(angle)])
+
+    def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
+        """See `Effect.is_misnamed`: at some positions it drives the motion, which no friction does."""
+        gains, inner = (
+            {parameter.name: parameters[f"{self.name}.{parameter.name}"] for parameter in group}
+            for group in (self.gains, self.inner)
+        )
+        power = (self.columns(data, inner) @ np.array([*gains.values()])) * data.velocity
+        return bool(np.minimum(power, 0.0).sum() < -_DRIVEN * np.maximum(power, 0.0).sum())
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         waves = np.array((0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0))
