@@ -5,7 +5,8 @@
 Each term is one or a few columns, with a grid of its inner parameter. Each run is predicted by a fit to the
 other runs (in a single run, every fourth of twelve blocks of time by a fit to the others). Terms are added
 one after the other, the best first; each is also shown alone beside the base. Errors are root mean squares in
-the effort's unit.
+the effort's unit. A term that should oppose the motion but drives it is marked. Gains have no bounds here,
+and an effort that comes late looks like this.
 """
 
 import itertools
@@ -224,6 +225,7 @@ TERMS: dict[str, Term] = {
     "run_offset": Term("run_differences", lambda s, p: (s.run[:, None] == np.unique(s.run)).astype(float)),
 }
 _LATE = "late base"
+_OPPOSING = {"friction", "rate_dependence", "time_memory"}
 _CONTACT_ONLY = {"offset", "neck", "surface", "set", "depth_rate"}
 _REVOLUTE_ONLY = {"ripple", "weight"}
 
@@ -281,6 +283,14 @@ class Ladder:
         held_out, _, p, columns = min(trials, key=lambda trial: trial[1])
         return held_out, p, columns
 
+    def drives(self, kind: str, columns: Array) -> bool:
+        """Return whether columns of a kind that opposes the motion do work on it beside the ladder."""
+        joint = np.column_stack([columns, self.columns])[self.rows]
+        count = joint.shape[1] - self.columns.shape[1]
+        gains = np.linalg.lstsq(joint, self.signals.effort[self.rows], rcond=1e-9)[0]
+        work = float(self.signals.v[self.rows] @ joint[:, :count] @ gains[:count])
+        return kind in _OPPOSING and work < 0.0
+
     def of_runs(self) -> tuple[float, float]:
         """Return the errors on odd rows with an offset, and with a gain, of each run found from even rows."""
         effort, columns, run = (a[self.rows] for a in (self.signals.effort, self.columns, self.signals.run))
@@ -318,11 +328,16 @@ def main() -> None:
     ladder = Ladder(s, options.base)
     print(f"rows {len(s.x)}, runs {len(np.unique(s.run))}, effort {s.effort.std():.4g} about its mean")
     print(f"base {' + '.join(options.base)}: {ladder.error:.4g}")
+    if "damping" in options.base and ladder.drives("rate_dependence", TERMS["damping"].build(s, 0.0)):
+        print("  its damping drives the motion")
     offset, gain = ladder.of_runs()
     print(f"  alone: run offset {offset:.4g}, run gain {gain:.4g}")
     for step in range(options.steps):
         trials = sorted((ladder.attempt(name)[:2], name) for name in ladder.built)
-        shown = (f"{name}({p:.3g}) [{kind_of(name)}] {e:.4g}" for (e, p), name in trials[: 4 if step else 14])
+        shown = []
+        for (error, p), name in trials[: 4 if step else 14]:
+            mark = " drives the motion" * ladder.drives(kind_of(name), ladder.attempt(name)[2])
+            shown.append(f"{name}({p:.3g}) [{kind_of(name)}] {error:.4g}{mark}")
         print("  " + "; ".join(shown))
         (error, p), name = trials[0]
         if error > 0.98 * ladder.error:

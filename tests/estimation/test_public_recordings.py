@@ -220,6 +220,10 @@ def test_ladder_finds_existing_friction_and_nothing_in_noise(tmp_path):
     best = min(errors, key=errors.__getitem__)
     assert TERMS[best].kind == "friction"
     assert errors[best] < 0.06 < 0.15 < ladder.error
+    assert not ladder.drives("friction", ladder.attempt(best)[2])
+    write_motion(tmp_path / "a.csv", coulomb=-0.5, noise=0.02)
+    reversed_ladder = Ladder(load(tmp_path / "a.csv"), ["inertia", "damping"])
+    assert reversed_ladder.drives("friction", reversed_ladder.attempt(best)[2])
     write_motion(tmp_path / "a.csv", coulomb=0.0, noise=0.02)
     ladder = Ladder(load(tmp_path / "a.csv"), ["inertia", "damping"])
     assert min(ladder.attempt(name)[0] for name in ladder.built) > 0.97 * ladder.error
