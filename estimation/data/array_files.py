@@ -147,7 +147,10 @@ def read_groups(content: Mapping[str, Any], path: Path) -> FileColumns:
         )
     lengths = [len(vector) for vector in vectors.values()]
     length = max(lengths, key=lambda each: (lengths.count(each), each))
-    return FileColumns(arrow_table({n: v for n, v in vectors.items() if len(v) == length}, path))
+    other_lengths = [name for name, vector in vectors.items() if len(vector) != length]
+    notes = (f"columns of other lengths left out: {list_first(other_lengths)}",) if other_lengths else ()
+    columns = {name: vector for name, vector in vectors.items() if len(vector) == length}
+    return FileColumns(arrow_table(columns, path), notes=notes)
 
 
 def _vectors(name: str, array: NDArray[Any]) -> dict[str, NDArray[Any]]:

@@ -184,7 +184,7 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         for guess in table.guesses
     }
     dimension_by_name = {name: dimension_of(unit_in_name(name)) for name in table.names}
-    proxies = {name for name, dimension in dimension_by_name.items() if dimension in PROXIES}
+    proxies = {name for name, dimension in dimension_by_name.items() if dimension in {*PROXIES} - {"strain"}}
     for name in sorted(by_word, key=lambda n: (not is_angle(n), n in proxies, not by_word[n])):
         dimension = dimension_by_name[name]
         by_unit = (quantity for quantity in _UNITS if dimension in QUANTITIES[quantity])
@@ -219,8 +219,8 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         elif dimension not in QUANTITIES[quantity]:  # the leading 1 overrides the unit in the column's name
             role = Role(found[quantity], quantity)
             missing = ColumnUnits(table, NO_OPTIONS).missing({role.key: role})
-            counts = (option for _, option in missing if not dimension and "=0.0" in option)
-            options.append(next(counts, f"--unit {quantity}={'1' if dimension else ''}{_UNITS[quantity]}"))
+            told = (o for _, o in missing if not dimension and ("=0.0" in o or o.endswith("deg")))
+            options.append(next(told, f"--unit {quantity}={'1' if dimension else ''}{_UNITS[quantity]}"))
     proposed = explain_numbers(" ".join(options))
     if has_effort:
         return f"{needed}; name the columns, as in {proposed}"

@@ -39,7 +39,7 @@ _START_SHARE = 0.05  # first share of the travel, in which a linear axis already
 
 
 def choose_columns(
-    units: ColumnUnits, known: Collection[Key], reserved: Collection[str], shift: int, *, ask: bool = True
+    units: ColumnUnits, known: Chosen, reserved: Collection[str], shift: int, *, ask: bool = True
 ) -> Chosen:
     """Choose the columns that form channels together with the known columns.
 
@@ -88,6 +88,7 @@ def choose_columns(
     for guess in guesses:
         guesses_of.setdefault(guess.key, []).append(guess)
     lengths = {k for k, of in guesses_of.items() if all(dimension_of(g.unit) == "length" for g in of)}
+    lengths |= {key for key, role in known.items() if dimension_of(units.unit_of(role)) == "length"}
     keys = [key for key in _keys_of_channels({*known, *guesses_of}, lengths) if key in guesses_of]
     keys += [  # velocity and acceleration are also read if the user states their unit
         guess.key

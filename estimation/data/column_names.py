@@ -47,7 +47,8 @@ JOINT_QUANTITIES = frozenset({"position", "velocity", "acceleration", "torque", 
 _SYNONYMS = {"depth": "displacement", "angle": "position"}
 _NAME = re.compile(rf"({'|'.join([*QUANTITIES, *_SYNONYMS])})(?:_(\d+))?(?:_(.+))?", re.IGNORECASE)
 _REPEATED = re.compile(r" \(\d+\)$")  # number of a repeated name, which a table adds
-_BRACKETED = re.compile(r"\s*[\[({<]\s*(?!\d+\s*\])([^\])}>]*?)\s*[\])}>]\s*$")  # excludes indices
+_BRACKETED = re.compile(r"\s*[\[({<]\s*(?!\d+\s*[\])}>])([^\])}>]*?)\s*[\])}>]\s*$")  # excludes indices
+_BRACKETED_IN_R = re.compile(r"\.{1,2}([^.\s]+(?:\.[^.\s]+)?)\.$")  # R writes "Load (mN)" as "Load..mN."
 RUN_AFTER_UNIT = re.compile(  # as in "Force (N) Run #1"
     r"(?<=[])}]) (?:run|test|trial|specimen) ?#? ?\d+$", re.IGNORECASE
 )
@@ -170,15 +171,33 @@ def split_unit(name: str) -> tuple[str, str]:
     for count in (2, 1):
         if len(parts) <= count:
             continue
+        stem = "_".join(parts[:-count])
         for mark in ("_", ""):  # "mm s" may be mm/s, "kgf cm" is a product
             ending = normalize_unit(mark.join(parts[-count:]))
             if dimension_of(ending) and ending not in BRACKETED and "×" not in ending:
-                return "_".join(parts[:-count]), ending
+                return (name, "") if _is_index(parts[-1], stem, ending) else (stem, ending)
     return name, ""
+
+
+def _is_index(letters: str, stem: str, unit: str) -> bool:
+    """Return whether the last letters of a name are an index, as in "tau_m" of a motor, and not a unit.
+
+    Such letters are a unit only if a quantity that the rest of the name means is measured in it. A gram is
+    no unit behind a mere symbol: "P_g" may be the gauge pressure.
+    """
+    if letters not in _INDICES:
+        return False
+    last = words_of(stem)[-1:]
+    quantity = "torque" if CURRENT.issuperset(last) and last else _quantity_of(last)
+    if not quantity:
+        return letters == "g" and len(stem) < _SHORTEST_WORD
+    return not _fits(quantity, unit) or (dimension_of(unit) == "length" and not _ANGLES.isdisjoint(last))
 
 
 def _unit_behind(name: str) -> str:
     """Move a unit in brackets, if it is the only one, from the front of a name to its end: "Weg [mm]"."""
+    if (dotted := _BRACKETED_IN_R.search(name)) and dimension_of(normalize_unit(dotted[1])):
+        return f"{name[: dotted.start()]} [{dotted[1]}]"
     front, end = _BRACKETED_IN_FRONT.match(name), _BRACKETED.search(name)
     if not front or not dimension_of(normalize_unit(front[1])):
         return name
@@ -239,6 +258,12 @@ _COUNTS = frozenset(["counts", "count", "ticks", "raw", "adc", "lsb"])  # number
 _ANGLES = frozenset("angle angles theta winkel angulo angolo encoder encoders enc".split())  # noqa: SIM905
 # Durations that have a unit of time but are no clock.
 _NO_CLOCK = frozenset(["pwm", "pulse", "esc", "delay", "latency", "lag"])
+# Accelerations in g, which are no forces in grams.
+_NO_FORCE = frozenset(
+    "acc accel acceleration accelerometer beschleunigung aceleracion accelerazione ax ay az".split()  # noqa: SIM905
+)
+_INDICES = frozenset(["m", "s", "g", "h", "in", "min"])  # units that may also be indices, as in "tau_m"
+_SHORTEST_WORD = 3  # letters; shorter names are symbols
 _ENCODER = frozenset(["encoder", "encoders", "enc"])
 GEAR_SIDES = frozenset(["motor", "rotor", "output", "link"])  # between which a gear may be
 _UNINFORMATIVE = frozenset(
@@ -509,8 +534,10 @@ def _match_words(whole: str, words: Sequence[str], unit: str, *, anywhere: bool)
             return quantity, _BY_WORD
     is_specific = dimension not in {"voltage", "pressure", "strain"}  # these may belong to any quantity
     is_specific &= dimension != "time" or _NO_CLOCK.isdisjoint(words)
+    is_specific &= dimension != "force" or _NO_FORCE.isdisjoint(words)
     by_unit = next((quantity for quantity in QUANTITIES if is_specific and _fits(quantity, unit)), "")
     by_pair = next((quantity for quantity in _MOTION_OR_TORQUE if words[-1] in WORDS[quantity]), "")
+    by_pair = by_pair or "torque" * (words[-1] in CURRENT)
     if anywhere and not by_pair and dimension is None:
         by_pair = _quantity_of(long)
     return (by_unit, _BY_UNIT) if by_unit else (by_pair, _BY_PAIR)

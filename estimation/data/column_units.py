@@ -51,7 +51,7 @@ _MAX_RANGE = {  # largest plausible range in SI, and the likely unit of a larger
     "position": (4.0 * np.pi, "deg"),
     "goal": (4.0 * np.pi, "deg"),
 }
-_WITHOUT_UNIT = {"-", "1"}  # text in brackets that states a ratio, as in "Strain (-)"
+_WITHOUT_UNIT = {"-"}  # text in brackets that states a ratio, as in "Strain (-)"
 _MAX_STRAIN = 2.0  # largest range of a strain without a unit that is read as a ratio
 _LARGE_UNITS = tuple(unit for _, unit in _MAX_RANGE.values())
 _MAX_CURRENT_A = 200.0  # largest plausible range of a current in A; a larger one is in mA
@@ -161,7 +161,11 @@ class ColumnUnits:
         dimension = dimension_of(unit)
         if dimension not in dimensions:
             valid = ", ".join(unit for name in dimensions for unit in SI[name])
-            raise InputError(f"{place}: '{unit}' is not a unit of {role.quantity}. Valid: {valid}")
+            problem = f"'{unit}' is not a unit of {role.quantity}"
+            if dimension in PROXIES:
+                constant = f"0.1{si_unit(dimensions[0])}/{unit}"
+                problem += f"; if it stands for one at {constant}, add --unit {role.numbered}={constant}"
+            raise InputError(f"{place}: {problem}. Valid: {valid}")
         if not 0.0 < abs(scale) < math.inf:
             raise InputError(f"{place}: unit '{user_unit}' cannot be converted")
         if dimension in PROXIES:
@@ -318,7 +322,9 @@ class ColumnUnits:
         turns = quantity in {"velocity", "acceleration"} and not linear
         si = "MPa" if "stress" in column.lower() else si_unit(QUANTITIES[quantity][int(turns)])
         if self._has_counts(role):
-            return _COUNT_OF_ENCODER if usual == "deg" else f"0.001{usual or si}"
+            factor = re.sub(r"\D", "", (_FACTOR.search(column) or [""])[0])  # as in "Load * 100"
+            count = f"{1.0 / float(factor or 1000):g}{usual or si}"
+            return _COUNT_OF_ENCODER if usual == "deg" and not factor else count
         return usual if span > largest else si
 
     def _has_counts(self, role: Role) -> bool:

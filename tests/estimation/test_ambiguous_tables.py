@@ -158,6 +158,7 @@ def refusal(path):
         ("pos (5),current (5)", "--unit position=0.00153rad --unit torque=0.001A, the value of one count"),
         ("pos_1,pos_2,current_1", "--unit torque=0.001A, the value of one count"),
         ("position,load", "--unit position=0.001mm --unit force=0.001N, the value of one count"),
+        ("position,load * 100", "--unit position=0.001mm --unit force=0.01N, the value of one count"),
     ],
 )
 def test_whole_numbers_are_asked_for_the_value_of_one_count(tmp_path, names, said):

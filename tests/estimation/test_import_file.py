@@ -358,6 +358,7 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
         ({"torque_Nm": F}, {"units": {"torque": "mNm"}}, "--unit torque=mNm: no channel uses it as torque."),
         ({"noise": F}, {"columns": {"torque_Nm": "noise"}}, "--column torque_Nm=noise: no channel uses it"),
         (SWING, {"units": {"position_rad": "mm"}}, "'torque_Nm' in Nm: a torque goes with an angle"),
+        (SWING, {"units": {"torque_Nm": "V"}}, "add --unit torque=0.1Nm/V. Valid: Nm"),
         (
             {"displacement_m": None, "force_N": None, "Position[mm]": X, "MotorCurrent[A]": F},
             {},

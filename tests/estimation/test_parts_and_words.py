@@ -40,6 +40,11 @@ def test_files_with_one_column_each_are_joined(tmp_path):
         (["PositionArrayb", "ForceArrayb"], ["position", "force"]),
         (["theta 1", "theta 2", "tau_raw 1", "tau_raw 2"], ["position", "position", "torque", "torque"]),
         (["Trial_Elapsed_s", "Middle_Angle", "Middle_Force_N"], ["time", "position", "force"]),
+        (["t", "theta_m", "tau_m"], ["time", "position", "torque"]),  # of a motor, not in meters
+        (["t", "theta_in", "tau_in"], ["time", "position", "torque"]),
+        (["t", "q 1", "i 1"], ["time", "position", "torque"]),
+        (["t", "depth_mm", "P_g"], ["time", "displacement", ""]),  # a gauge pressure
+        (["t", "depth_mm", "Acceleration (g)"], ["time", "displacement", ""]),
     ],
 )
 def test_a_word_anywhere_tells_the_quantity_if_no_channel_is_found_otherwise(names, quantities):
@@ -66,6 +71,13 @@ def test_a_current_is_not_preferred_to_a_torque_without_units(tmp_path):
         ("q1,q2,tau1,tau2", (1.0, 90.0, 1.0, 1.0), "--unit position=deg --unit torque=Nm"),  # one for both
         ("shoulderPosRaw,elbowTorqueRaw", (1.0, 1.0), "no channel can be made"),  # of different joints
         ("q1,q2,q3,q4,q5,tau1,tau2,tau3,tau4,tau5", np.ones(10), "'tau2', 'tau3' ... state no units"),
+        (
+            "pos (1),pos (2),current (1),current (2)",
+            np.ones(4),
+            "'current (1)', 'current (2)' state no units",
+        ),
+        ("angle,volume", (90.0, 1.0), "--unit position=deg --column torque_Nm=COLUMN"),
+        ("position_mm,torque [Nm],load1_N,load2_N", np.arange(4), "'load1_N' and 'load2_N' may hold force"),
         (
             "current_pos_x,force_x,force_y,joint_1,joint_2",
             np.arange(5),
@@ -99,8 +111,10 @@ def test_structs_in_cells_are_runs(tmp_path):
 
 def test_structs_without_a_clock_are_no_runs(tmp_path):
     force, way = {"a": FORCE_N, "b": FORCE_N, "c": FORCE_N}, {"a": WAY_M, "b": WAY_M, "c": WAY_M}
-    savemat(tmp_path / "vectors.mat", {"force": force, "way": way})
-    assert "run" not in read_table(tmp_path / "vectors.mat").names
+    savemat(tmp_path / "vectors.mat", {"force": force, "way": way, "other": WAY_M[:5]})
+    table = read_table(tmp_path / "vectors.mat")
+    assert "run" not in table.names
+    assert table.notes == ("columns of other lengths left out: other",)
 
 
 @pytest.mark.parametrize("outer", ["t", "log.t", ""])
@@ -349,6 +363,7 @@ def test_unit_in_percent_may_end_a_row_of_units(tmp_path):
         ("time_s,temp,AI0", "--column displacement_mm=COLUMN --column force_N=COLUMN; if another file"),
         ("Sample,temp,AI0", "force_N=COLUMN; without a time, --unit time=10ms states the interval of rows"),
         ("time_s,depth,AI0", "--column displacement=depth --unit displacement=mm --column force_N=COLUMN"),
+        ("time_s,depth_pct,depth_smooth", "--column displacement=depth_pct --column force_N=COLUMN"),
     ],
 )
 def test_proposed_options_are_complete_and_prefer_words_to_volts(tmp_path, names, proposed):

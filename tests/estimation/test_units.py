@@ -74,6 +74,8 @@ def test_prefix_is_read_by_its_letter_in_any_notation(form, unit, newtons):
         ("力(公斤)", "force", G),
         ("Угол, град", "angle", np.pi / 180.0),
         ("时间(秒)", "time", 1.0),
+        ("Load..mN.", "force", 1e-3),  # as R writes "Load (mN)" and "v (mm/s)"
+        ("v..mm.s.", "length_rate", 1e-3),
     ],
 )
 def test_machine_units_are_known(name, dimension, factor):
