@@ -6,6 +6,7 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.measured_derivatives import mistaken_scale
 from palpate.estimation.fit.blocks import HEAVY, LUMPED_GAINS
 from palpate.estimation.model import Model
+from palpate.estimation.signals.blocks import number_stretches, runs_by_time
 from palpate.estimation.signals.runwise import is_even, sample_time
 from palpate.estimation.statistics.correlation import correlation_coefficient, noise_between_samples
 from palpate.estimation.statistics.least_squares import solve
@@ -215,7 +216,8 @@ def late_touch(data: ChannelData) -> str | None:
     """Report the depth at which the force begins if it is clearly below the surface; None otherwise.
 
     The force must stay within its noise over at least a fifth of the depth, where the force of a spring that
-    begins at the surface would exceed the noise.
+    begins at the surface would exceed the noise. If it does not so in the first contact, the object had not
+    recovered when it was pressed again.
 
     Args:
         data: the channel.
@@ -234,9 +236,22 @@ def late_touch(data: ChannelData) -> str | None:
     expected = float(force.max()) * silent / deepest  # force of a spring that begins at the surface
     if silent < _MIN_SILENT * deepest or noise > _MAX_NOISE * expected:
         return None
-    return (
+    stays = (
         f"the force stays at its free-air level down to a displacement of {1e3 * silent:.3g} mm, of "
-        f"{1e3 * deepest:.3g} mm in all; if the surface is that deep, subtract this depth from the "
+        f"{1e3 * deepest:.3g} mm in all"
+    )
+    order = np.concatenate([np.arange(rows.start, rows.stop) for rows in runs_by_time(data.time_s, data.run)])
+    contact = number_stretches(pressed[order], data.run[order])
+    first = order[contact == contact[np.argmax(pressed[order])]]
+    loading = first[: np.argmax(np.abs(data.effort[first] - air_level))]
+    shallow = np.abs(data.effort[loading] - air_level)[data.position[loading] <= silent]
+    if len(shallow) and np.median(shallow) >= noise:
+        return (
+            f"after the first contact, {stays}: the object has not recovered when it is pressed again; rest "
+            "longer between contacts if each is to begin at the undeformed surface"
+        )
+    return (
+        f"{stays}; if the surface is that deep, subtract this depth from the "
         "displacement, or run `palpate add FILE contact_offset`"
     )
 
