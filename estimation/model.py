@@ -17,6 +17,7 @@ from palpate.estimation.effect import (
     SensorEffect,
 )
 from palpate.estimation.signals.cache_by_array import IdentityKey
+from palpate.estimation.signals.contact_memory import above_free_surface
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -236,20 +237,25 @@ class Model:
         return slopes
 
     def lift_off_rows(self, data: ChannelData, parameters: Parameters, parts: Parts) -> IntArray:
-        """Return the rows (k,) of a contact where the object would have to pull, so that contact is lost.
+        """Return the rows (k,) of a contact below the undeformed surface where the tip does not touch.
 
-        In these samples the sum of the one-sided effects is negative and is set to zero. Samples that are
-        known to be in contact are not among them. A joint has no such rows.
+        The object would have to pull there, or its surface has not yet recovered from an earlier contact, see
+        `above_free_surface`. In these samples, the sum of the one-sided effects is set to zero. Samples that
+        are known to be in contact are not among them. A joint has no such rows.
 
         Args:
             data: the channel.
-            parameters: a value for every gain.
+            parameters: a value for every gain and inner parameter.
             parts: result of `parts` for the same data and inner parameters.
         """
         if data.kind is not ChannelKind.CONTACT:
             return np.empty(0, dtype=np.int64)
-        pushing = [parameters[name] * sign for name, sign in zip(self.gains, self.one_sided, strict=True)]
-        lifts = parts[0] @ np.array(pushing) < 0.0
+        gains = np.array([parameters[name] for name in self.gains])
+        pushing = parts[0] @ (gains * self.one_sided)
+        lifts, damping = pushing < 0.0, parameters.get("damping.c", 0.0)
+        if damping > 0.0 and lifts.any():
+            elastic = pushing - damping * parts[0][:, list(self.gains).index("damping.c")]
+            lifts |= above_free_surface(pushing, elastic, damping, self.moved(data, parameters))
         return np.flatnonzero(lifts if data.touching is None else lifts & ~data.touching)
 
     def linearize(

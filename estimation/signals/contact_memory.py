@@ -5,7 +5,12 @@ from collections.abc import Callable
 import numpy as np
 
 from palpate.estimation.channel import ChannelData
-from palpate.estimation.signals.blocks import block_index, number_stretches, runs_by_time
+from palpate.estimation.signals.blocks import (
+    block_index,
+    has_one_clock,
+    number_stretches,
+    runs_by_time,
+)
 from palpate.estimation.signals.cache_by_array import cache_by_array, cache_by_channel_arrays
 from palpate.estimation.signals.exponential_memory import relax
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
@@ -85,6 +90,48 @@ def free_surface_memory(
         carried[number_before + 1] = recovered @ before
     branches += carried[contact].swapaxes(0, 1) * decay[..., None]
     return _with_air(np.tensordot(shares, branches, 1), strain, rows, last, shares.sum())
+
+
+def above_free_surface(
+    pushing: FloatArray, elastic: FloatArray, damping: float, data: ChannelData
+) -> BoolArray:
+    """Return the mask (n,) of samples in which the tip has not yet reached a surface that still recovers.
+
+    The force on a free surface at the depth s is zero, so that E(s) + c s' = 0, and a Kelvin-Voigt object
+    recovers with the time constant c / k (T. C. T. Ting, J. Appl. Mech. 33 (1966)). With T(s), the integral
+    of c / E over the depth, t + T(s) is constant. The tip reaches the surface when t + T(x) of its own depth
+    x exceeds all earlier values.
+
+    Args:
+        pushing: force of the object in contact, shape (n,); the tip leaves where it is negative.
+        elastic: elastic part E of this force, shape (n,).
+        damping: coefficient c of the damper.
+        data: the channel with the motion that acts on the object, shape (n,).
+    """
+    clock, above = np.full(len(data), -np.inf), np.zeros(len(data), dtype=np.bool_)
+    deep, logarithm = _by_depth(data.position)
+    loaded = elastic[deep] > 0.0
+    deep, logarithm = deep[loaded], logarithm[loaded]
+    slowness = damping * data.position[deep] / elastic[deep]  # dT / d log x
+    steps_s = 0.5 * (slowness[1:] + slowness[:-1]) * np.diff(logarithm)
+    clock[deep] = data.time_s[deep] + np.concatenate([[0.0], np.cumsum(steps_s)])
+    runs = [np.arange(rows.start, rows.stop) for rows in runs_by_time(data.time_s, data.run)]
+    if not data.recovers and has_one_clock(data.time_s, data.run):
+        runs = [np.concatenate(runs)]
+    for rows in runs:
+        latest = np.maximum.accumulate(clock[rows])
+        starts, contact = block_index(pushing[rows] < 0.0)
+        before = np.append(-np.inf, latest)[starts][contact]
+        above[rows] = (latest <= before) & (clock[rows] > -np.inf)
+    return above
+
+
+@cache_by_array
+def _by_depth(position: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Return the rows (d,) below the surface in ascending order of depth, and its logarithm (d,)."""
+    deep = np.flatnonzero(position > 0.0)
+    deep = deep[np.argsort(position[deep])]
+    return deep, np.log(position[deep])
 
 
 def _with_air(

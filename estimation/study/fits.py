@@ -39,7 +39,7 @@ from palpate.estimation.workers import release_freed_memory
 from palpate.robot_io.errors import InputError
 
 _FitKey = tuple[ChannelKey, tuple[str, ...]]  # a channel with its base model, and the added effects
-_RECOVERS = "relaxation restarts in each run, because the data then fit better"
+_RECOVERS = "the object has recovered when each run begins, because the data then fit better"
 _RECOVERS_SLOWLY = (
     "between contacts the object recovers at {0:.2g} times the rate at which it relaxes in contact, "
     "because its surface moves freely; the data then fit better"

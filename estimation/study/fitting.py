@@ -65,13 +65,14 @@ _FIRST_RATIO = 0.5  # from which the search starts, and with which an object is 
 
 
 def recovery(data: ChannelData) -> tuple[bool, float]:
-    """Return whether an object that relaxes has recovered when each run begins, and how fast it recovers.
+    """Return whether an object has recovered when each run begins, and how fast it recovers if it relaxes.
 
     It has recovered if each run presses another spot or specimen, or if the object rests for long enough.
-    Without the memory of earlier runs, the flexible laws of the object's kinds then predict held-out runs
-    better. A cubic spring with one relaxation must not predict them worse, since few runs allow a chance
-    result. Otherwise, the surface is taken to be free between contacts if this lowers the held-out error of
-    this model, or of one with two branches, and of the flexible laws.
+    Without the memory of earlier runs, a cubic spring with a damper then predicts held-out runs better. If
+    the object relaxes, the flexible laws of its kinds do, and a cubic spring with one relaxation must not
+    predict them worse, since few runs allow a chance result. Otherwise, the surface of an object that relaxes
+    is taken to be free between contacts if this lowers the held-out error of the cubic spring with one
+    relaxation, or of one with two branches, and of the flexible laws.
 
     Args:
         data: a contact channel; the results are False and 1 for other channels, and for runs without a common
@@ -96,8 +97,9 @@ def recovery(data: ChannelData) -> tuple[bool, float]:
     with single_threaded():
         fits = [fit_model(each, relaxing, {}, good) for each in (continued, recovered, free)]
         errors = [fit.rmse for fit in fits]
-        if min(errors) > _RELAXING_RATIO * fit_model(continued, hardening, {}, good).rmse:
-            return False, 1.0
+        remembering, fresh = (fit_model(each, hardening, {}, good).rmse for each in (continued, recovered))
+        if min(errors) > _RELAXING_RATIO * min(remembering, fresh):
+            return fresh < _RECOVERED_RATIO * remembering, 1.0
 
         def improves(other: ChannelData) -> bool:
             """Return whether the flexible laws of the object predict held-out runs better."""

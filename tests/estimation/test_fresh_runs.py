@@ -18,7 +18,7 @@ from palpate.estimation.signals.contact_memory import free_surface_memory, remai
 from palpate.estimation.signals.exponential_memory import relax
 from palpate.estimation.study import ModelStudy
 from palpate.estimation.study.fitting import recovery
-from tests.estimation.presses import RATE_HZ, kelvin_voigt, maxwell, session
+from tests.estimation.presses import RATE_HZ, K, kelvin_voigt, maxwell, session
 
 TAU_S = 1.5
 
@@ -50,7 +50,7 @@ def test_data_decide_whether_the_object_remembered(afresh, cubic_n_m3):
     study = ModelStudy(data)
     values = study.fit("contact", ["cubic_stiffness", "stress_relaxation"]).values
     assert values["stress_relaxation.tau"] == pytest.approx(TAU_S, rel=0.1)
-    assert ("relaxation restarts in each run" in " ".join(study.notes)) == afresh
+    assert ("has recovered when each run begins" in " ".join(study.notes)) == afresh
 
 
 def test_fresh_runs_keep_spread_times_and_need_relaxation():
@@ -61,6 +61,33 @@ def test_fresh_runs_keep_spread_times_and_need_relaxation():
     (channel,) = import_table(table_of(columns, Path("press")), ImportOptions(fresh=True, runs=1)).channels
     assert channel.time_s == pytest.approx(t, abs=1e-6)
     assert recovery(session(62)) == (False, 1.0)
+
+
+def damped_surface(time_s, x, v, run, *, cubic=0.0, afresh=False):
+    """Force K (x + cubic x^3 + v) of an object whose surface is free where the tip does not hold it."""
+    depth_m, force = 0.0, np.zeros(len(x))
+    for i in range(1, len(x)):
+        if afresh and run[i] != run[i - 1]:
+            depth_m = 0.0
+        elif depth_m > 0.0:
+            depth_m = ((depth_m**-2 + cubic) * np.exp(2.0 * (time_s[i] - time_s[i - 1])) - cubic) ** -0.5
+        if x[i] >= depth_m:
+            depth_m, force[i] = x[i], max(K * (x[i] + cubic * x[i] ** 3 + v[i]), 0.0)
+    return force
+
+
+@pytest.mark.parametrize("afresh", [True, False])
+def test_nothing_is_missing_where_a_damped_surface_has_not_recovered(afresh):
+    study = ModelStudy(session(64, partial(damped_surface, afresh=afresh)))
+    (found,) = study.diagnose().channels
+    assert (found.verdict, found.recovers) == ("adequate", afresh)
+    assert study.fit("contact", []).values == pytest.approx({"stiffness.k": K, "damping.c": K}, rel=2e-3)
+
+
+def test_damped_surface_recovers_by_the_elastic_law_of_the_object():
+    study = ModelStudy(session(64, partial(damped_surface, cubic=1e4)))
+    truth = {"stiffness.k": K, "damping.c": K, "cubic_stiffness.k3": 1e4 * K}
+    assert study.fit("contact", ["cubic_stiffness"]).values == pytest.approx(truth, rel=5e-3)
 
 
 def free_surface(time_s, x, v, run, *, k, branches):
