@@ -34,6 +34,7 @@ from palpate.robot_io.errors import InputError
 
 # Usual units of the quantities of a channel.
 _UNITS = {"displacement": "mm", "force": "N", "position": "rad", "torque": "Nm"}
+_TOLD_BY_NUMBERS = "deg", "strain", "%"  # units that names and numbers tell
 _JOINT_WORDS = frozenset(["q", "tau", "joint", "current", "torque"])  # in names of joints' columns
 _RISES = 0.9  # least share of rows in which a clock rises; it may restart in each run
 _MANY_TIMES = 10  # least ratio of columns to rows of a table whose rows hold signals
@@ -219,7 +220,7 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         elif dimension not in QUANTITIES[quantity]:  # the leading 1 overrides the unit in the column's name
             role = Role(found[quantity], quantity)
             missing = ColumnUnits(table, NO_OPTIONS).missing({role.key: role})
-            told = (o for _, o in missing if not dimension and ("=0.0" in o or o.endswith("deg")))
+            told = (o for _, o in missing if not dimension and ("=0.0" in o or o.endswith(_TOLD_BY_NUMBERS)))
             options.append(next(told, f"--unit {quantity}={'1' if dimension else ''}{_UNITS[quantity]}"))
     proposed = explain_numbers(" ".join(options))
     if has_effort:

@@ -191,7 +191,10 @@ class ColumnUnits:
         for role in chosen.values():
             if role.quantity != "time" and not self.unit_of(role):
                 linear = ("force", role.joint) in chosen and ("torque", role.joint) not in chosen
-                unit, unknown = self._likely_unit(role, linear=linear), _unknown_unit(role.column)
+                # A servo counts its goal as it does its position.
+                alike = chosen.get(("position", role.joint), role) if role.quantity == "goal" else role
+                unit = self.unit_of(alike) or self._likely_unit(alike, linear=linear)
+                unknown = _unknown_unit(role.column)
                 in_capitals = dimension_of(normalize_unit(unknown.lower())) in QUANTITIES[role.quantity]
                 size = "10" if unknown and not in_capitals and not self._has_counts(role) else ""
                 if dimension_of(unknown) == "voltage":  # no number, which would be used as it is
@@ -310,8 +313,8 @@ class ColumnUnits:
             step = float(np.median(np.diff(values))) if len(values) > 1 else 0.0
             return likely_time_unit(step, span if step > 0.0 else np.inf)
         is_length = linear and role.quantity == "position" and (not is_angle(column) or holds_counts(column))
-        if role.unit == "strain":
-            return "%"
+        if "strain" in words_of(column):
+            return "%" if span > _MAX_STRAIN else "strain"
         if above := next(self.units_above(role.quantity), None):
             return above[1]
         quantity = "displacement" if is_length else role.quantity

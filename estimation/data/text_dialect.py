@@ -245,11 +245,12 @@ def is_missing(cell: str) -> bool:
 
 def _units_in(row: Sequence[str], width: int) -> list[str]:
     """Return the units in a row that contains only units, at least two of them known; else none."""
-    units = [cell.strip().strip(_BRACKETS).strip() for cell in row[:width]]
+    row = [row[0].lstrip(_COMMENT) or row[0], *row[1:width]]  # a first column in percent is no comment
+    units = [cell.strip().strip(_BRACKETS).strip() for cell in row]
     units = [unit if any(char.isalnum() or char in "%°" for char in unit) else "" for unit in units]
     known = sum(dimension_of(normalize_unit(unit)) is not None for unit in units)
     filled = sum(map(bool, units))
-    bracketed = all(not cell.strip() or cell.strip()[0] in _BRACKETS for cell in row[:width])
+    bracketed = all(not cell.strip() or cell.strip()[0] in _BRACKETS for cell in row)
     like_units = 2 * known >= filled and all(not unit or _LIKE_A_UNIT.fullmatch(unit) for unit in units)
     return units if known >= 2 and (bracketed or like_units) else []
 

@@ -26,6 +26,8 @@ LAYOUTS = {
     + "".join(f"{x:.6f}\t{f:.6f}\t0\t{t:.6f}\n" for t, x, f in PRESS),
     "units above names": "(s),(mm),(N)\n" + NAMES + rows(),
     "units alone": "s;mm;N\n" + rows(";", ","),
+    "units in a comment": "% Time,Load cell,Way,Goal\n% [s],[N],[mm],[mm]\n"
+    + "".join(f"{t},{f},{x:.6f},3\n" for t, x, f in PRESS),
     "units in brackets between blanks": "Raw Data\nTime Displacement Force\n(s) (mm) (N)\n" + rows(" "),
     "quoted": '"Operator","A, B"\n\n"Time","Extension","Load"\n"(s)","(mm)","(N)"\n\n' + rows(),
     "grams, and the force first": "Force\tDistance\tTime\n(g)\t(mm)\t(sec)\n"

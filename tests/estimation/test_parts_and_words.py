@@ -77,6 +77,12 @@ def test_a_current_is_not_preferred_to_a_torque_without_units(tmp_path):
             "'current (1)', 'current (2)' state no units",
         ),
         ("angle,volume", (90.0, 1.0), "--unit position=deg --column torque_Nm=COLUMN"),
+        (
+            "strain,volume",
+            (90.0, 1.0),
+            "--column displacement=strain --unit displacement=% --column force_N=",
+        ),
+        ("angle,goal angle", (90.0, 1.0), "--unit position=deg --unit goal=deg"),  # of one servo
         ("position_mm,torque [Nm],load1_N,load2_N", np.arange(4), "'load1_N' and 'load2_N' may hold force"),
         (
             "current_pos_x,force_x,force_y,joint_1,joint_2",
