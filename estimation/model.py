@@ -250,13 +250,28 @@ class Model:
         """
         if data.kind is not ChannelKind.CONTACT:
             return np.empty(0, dtype=np.int64)
-        gains = np.array([parameters[name] for name in self.gains])
-        pushing = parts[0] @ (gains * self.one_sided)
-        lifts, damping = pushing < 0.0, parameters.get("damping.c", 0.0)
-        if damping > 0.0 and lifts.any():
-            elastic = pushing - damping * parts[0][:, list(self.gains).index("damping.c")]
-            lifts |= above_free_surface(pushing, elastic, damping, self.moved(data, parameters))
+        pushing = self._pushing(parameters, parts)
+        lifts = (pushing < 0.0) | self.recovering(data, parameters, parts)
         return np.flatnonzero(lifts if data.touching is None else lifts & ~data.touching)
+
+    def recovering(self, data: ChannelData, parameters: Parameters, parts: Parts) -> BoolArray:
+        """Return the samples (n,) of a contact in which the tip has not yet reached a surface that recovers.
+
+        Args:
+            data: the channel.
+            parameters: a value for every gain and inner parameter.
+            parts: result of `parts` for the same data and inner parameters.
+        """
+        pushing, damping = self._pushing(parameters, parts), parameters.get("damping.c", 0.0)
+        if data.kind is not ChannelKind.CONTACT or damping <= 0.0 or pushing.min(initial=0.0) >= 0.0:
+            return np.zeros(len(data), dtype=np.bool_)
+        elastic = pushing - damping * parts[0][:, list(self.gains).index("damping.c")]
+        return above_free_surface(pushing, elastic, damping, self.moved(data, parameters))
+
+    def _pushing(self, parameters: Parameters, parts: Parts) -> FloatArray:
+        """Return the sum of the one-sided effects, shape (n,)."""
+        gains = np.array([parameters[name] for name in self.gains])
+        return np.asarray(parts[0] @ (gains * self.one_sided))
 
     def linearize(
         self,

@@ -266,12 +266,15 @@ def merge_blocks(blocked: BlockedData, most: int) -> BlockedData:
     )
 
 
-def exclude_boundaries(blocked: BlockedData, moved: ChannelData) -> BlockedData:
+def exclude_boundaries(
+    blocked: BlockedData, moved: ChannelData, recovering: BoolArray | None = None
+) -> BlockedData:
     """Exclude blocks of a contact at its boundaries, within one sample or the error of the position.
 
     Args:
         blocked: the channel on blocks.
         moved: the same channel with the motion that acts on the object.
+        recovering: samples in which the tip has not yet reached a surface that recovers, shape (n,).
     """
     if moved.kind is not ChannelKind.CONTACT:
         return blocked
@@ -283,6 +286,11 @@ def exclude_boundaries(blocked: BlockedData, moved: ChannelData) -> BlockedData:
         mixed[:-1] |= borders
     error = reading_error(blocked.data)
     mixed |= np.abs(moved.position[blocked.rows]).min(axis=1) < _BORDER * float(np.std(error))
+    if recovering is not None:
+        touches = np.flatnonzero(recovering[:-1] & ~recovering[1:])
+        beside = np.zeros(len(moved), dtype=np.bool_)
+        beside[touches] = beside[touches + 1] = True
+        mixed |= beside[blocked.rows].any(axis=1)
     return replace(blocked, trusted=blocked.trusted & ~mixed)
 
 

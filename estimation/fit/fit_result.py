@@ -301,10 +301,14 @@ def fit_problem(blocks: BlockedData, model: Model, parameters: Mapping[str, floa
     data = with_load(blocks.data, model, parameters)
     if data is not blocks.data:
         blocks = replace(blocks, data=data)
-    if data.kind is ChannelKind.CONTACT and (moved := model.moved(data, parameters)) is not data:
-        inside = exclude_boundaries(blocks, moved)
-        if inside.trusted.sum() > _MIN_KEPT * blocks.trusted.sum():
-            blocks = inside
+    if data.kind is ChannelKind.CONTACT:
+        values = {**dict.fromkeys(model.gains, 0.0), **parameters}
+        recovering = model.recovering(data, values, model.parts(data, values, blocks.at_full_rate))
+        moved = model.moved(data, parameters)
+        if moved is not data or recovering.any():
+            inside = exclude_boundaries(blocks, moved, recovering)
+            if inside.trusted.sum() > _MIN_KEPT * blocks.trusted.sum():
+                blocks = inside
     return FitProblem(blocks, WHITE)
 
 

@@ -8,17 +8,19 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from palpate.estimation.base_model import ModelContext
 from palpate.estimation.data.file_columns import FileColumns
 from palpate.estimation.data.import_file import import_table
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import table_of
 from palpate.estimation.effects.time_memory import RelaxationSpectrum
+from palpate.estimation.models import MODELS
 from palpate.estimation.signals.blocks import since_start
 from palpate.estimation.signals.contact_memory import free_surface_memory, remaining_strain
 from palpate.estimation.signals.exponential_memory import relax
 from palpate.estimation.study import ModelStudy
-from palpate.estimation.study.fitting import recovery
-from tests.estimation.presses import RATE_HZ, K, kelvin_voigt, maxwell, session
+from palpate.estimation.study.fitting import fit_base, recovery
+from tests.estimation.presses import NOISE_N, RATE_HZ, K, kelvin_voigt, long_session, maxwell, session
 
 TAU_S = 1.5
 
@@ -82,6 +84,14 @@ def test_nothing_is_missing_where_a_damped_surface_has_not_recovered(afresh):
     (found,) = study.diagnose().channels
     assert (found.verdict, found.recovers) == ("adequate", afresh)
     assert study.fit("contact", []).values == pytest.approx({"stiffness.k": K, "damping.c": K}, rel=2e-3)
+
+
+def test_samples_at_the_touch_of_a_recovering_surface_are_excluded():
+    """The force jumps by up to 80 N there, and an error of the position shifts the touch."""
+    data = long_session(64, damped_surface)
+    error = np.random.default_rng(5).normal(0.0, 3e-5, len(data))
+    model = MODELS["kelvin_voigt"]().build(ModelContext())
+    assert fit_base(replace(data, position=data.position + error), model).rmse < 1.1 * NOISE_N
 
 
 def test_damped_surface_recovers_by_the_elastic_law_of_the_object():
