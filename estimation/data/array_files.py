@@ -219,15 +219,8 @@ def _nested_vectors(group: Mapping[str, Any], depth: float = math.inf) -> dict[s
     items: list[tuple[tuple[str, ...], Any]] = [((str(key),), part) for key, part in group.items()]
     for path, part in items:  # grows by the items of inner groups
         if isinstance(part, Mapping) and len(path) <= depth:
-            inner = list(part.items())
-            if {"time", "signals"} <= set(part):  # a "structure with time" of Simulink, with labels as names
-                parts, inner = part["signals"], [("time", part["time"])]
-                signals = (s for s in (parts if isinstance(parts, list | np.ndarray) else [parts]))
-                for number, signal in enumerate((s for s in signals if isinstance(s, Mapping)), 1):
-                    label = signal.get("label", "")
-                    name = " ".join(label.split())[:_MAX_LABEL] if isinstance(label, str) else ""
-                    inner.append((name or f"signal {number}", signal.get("values")))
-            items += [((*path, str(key)), value) for key, value in inner]
+            inner = (_labeled_signals(part, keys) for keys in _RECORDINGS)
+            items += [((*path, str(key)), value) for key, value in next(filter(None, inner), part.items())]
     inner_names = Counter(path[-1] for path, _ in items if len(path) > 1)
     names: dict[tuple[str, ...], str] = {}
     for path, part in items:
@@ -241,6 +234,32 @@ def _nested_vectors(group: Mapping[str, Any], depth: float = math.inf) -> dict[s
             array = np.array(cells) if len(shapes) == 1 and len(shapes[0]) == 1 else part
             vectors |= _vectors(name, array)
     return vectors
+
+
+# Clock and signals of a recording, and label, values and unit of a signal.
+_RECORDINGS = (
+    ("time", "signals", "label", "values", ""),  # a "structure with time" of Simulink
+    ("X", "Y", "Name", "Data", "Unit"),  # dSPACE's ControlDesk
+)
+
+
+def _labeled_signals(group: Mapping[str, Any], keys: tuple[str, ...]) -> list[tuple[str, Any]]:
+    """Return time and signals of a recording, with labels as names; empty if the group is none."""
+    clock, signals, label, values, unit = keys
+    parts, time = group.get(signals), group.get(clock)
+    parts = parts if isinstance(parts, list | np.ndarray) else [parts]
+    parts = [part for part in parts if isinstance(part, Mapping) and values in part]
+    if not parts:
+        return []
+    named = [("time", time.get(values) if isinstance(time, Mapping) else time)]
+    for number, part in enumerate(parts, 1):
+        texts = (text if isinstance(text := part.get(key), str) else "" for key in (label, unit))
+        name, of_unit = (
+            " ".join(text.replace('"', "").removeprefix("Model Root/").split()) for text in texts
+        )
+        name = name[:_MAX_LABEL] or f"signal {number}"
+        named.append((f"{name} [{of_unit}]" if of_unit else name, part[values]))
+    return named
 
 
 def matrix_columns(name: str, matrix: NDArray[Any]) -> dict[str, NDArray[Any]]:

@@ -182,15 +182,18 @@ def split_unit(name: str) -> tuple[str, str]:
 def _is_index(letters: str, stem: str, unit: str) -> bool:
     """Return whether the last letters of a name are an index, as in "tau_m" of a motor, and not a unit.
 
-    Such letters are a unit only if a quantity that the rest of the name means is measured in it. A gram is
-    no unit behind a mere symbol: "P_g" may be the gauge pressure.
+    Such letters are a unit only if a quantity that the rest of the name means is measured in it. Grams and
+    amperes are no units behind a mere symbol, such as "P_g", the gauge pressure, and an A may label a thing.
     """
     if letters not in _INDICES:
         return False
     last = words_of(stem)[-1:]
     quantity = "torque" if CURRENT.issuperset(last) and last else _quantity_of(last)
     if not quantity:
-        return letters == "g" and len(stem) < _SHORTEST_WORD
+        is_symbol = len(stem) < _SHORTEST_WORD
+        return {"A": not _LABELED.isdisjoint(last) or (is_symbol and stem.isalpha()), "g": is_symbol}.get(
+            letters, False
+        )
     return not _fits(quantity, unit) or (dimension_of(unit) == "length" and not _ANGLES.isdisjoint(last))
 
 
@@ -262,12 +265,15 @@ _NO_CLOCK = frozenset(["pwm", "pulse", "esc", "delay", "latency", "lag"])
 _NO_FORCE = frozenset(
     "acc accel acceleration accelerometer beschleunigung aceleracion accelerazione ax ay az".split()  # noqa: SIM905
 )
-_INDICES = frozenset(["m", "s", "g", "h", "in", "min"])  # units that may also be indices, as in "tau_m"
+_INDICES = frozenset(["m", "s", "g", "h", "A", "in", "min"])  # units that may also be indices, as in "tau_m"
+_LABELED = frozenset(  # things that may be labeled A and B
+    "pressure druck presion pression pressione chamber sensor channel cell port side specimen".split()  # noqa: SIM905
+)
 _SHORTEST_WORD = 3  # letters; shorter names are symbols
 _ENCODER = frozenset(["encoder", "encoders", "enc"])
 GEAR_SIDES = frozenset(["motor", "rotor", "output", "link"])  # between which a gear may be
 _UNINFORMATIVE = frozenset(
-    "actual act measured feedback present ist joint joints state states j value values".split()  # noqa: SIM905
+    "actual act measured meas feedback fb present ist joint joints state states j value values".split()  # noqa: SIM905
 )
 _NOT_MEASURED = frozenset(
     [

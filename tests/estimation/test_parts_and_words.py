@@ -40,10 +40,12 @@ def test_files_with_one_column_each_are_joined(tmp_path):
         (["PositionArrayb", "ForceArrayb"], ["position", "force"]),
         (["theta 1", "theta 2", "tau_raw 1", "tau_raw 2"], ["position", "position", "torque", "torque"]),
         (["Trial_Elapsed_s", "Middle_Angle", "Middle_Force_N"], ["time", "position", "force"]),
+        (["Time", "PosFb", "SpeedFb", "CurrentMeas"], ["time", "position", "velocity", "torque"]),
         (["t", "theta_m", "tau_m"], ["time", "position", "torque"]),  # of a motor, not in meters
         (["t", "theta_in", "tau_in"], ["time", "position", "torque"]),
         (["t", "q 1", "i 1"], ["time", "position", "torque"]),
         (["t", "depth_mm", "P_g"], ["time", "displacement", ""]),  # a gauge pressure
+        (["t", "angle_deg", "Pressure_A", "F_A"], ["time", "position", "", ""]),  # of one of two chambers
         (["t", "depth_mm", "Acceleration (g)"], ["time", "displacement", ""]),
     ],
 )
@@ -245,9 +247,14 @@ def test_signals_of_a_scope_have_the_names_of_their_labels(tmp_path):
     signals[0] = {"values": np.sin(time), "label": "position (rad)", "dimensions": 1.0}
     signals[1] = {"values": np.cos(time), "label": "torque (Nm)", "dimensions": 1.0}
     savemat(tmp_path / "scope.mat", {"scope": {"time": time, "signals": signals}, "J": 0.1})
-    (channel,) = import_file(tmp_path / "scope.mat").channels
-    assert channel.kind is ChannelKind.REVOLUTE
-    assert np.allclose(channel.effort, np.cos(time))
+    of_dspace = np.empty(2, dtype=object)
+    of_dspace[0] = {"Name": '"Model Root"/"position"', "Data": np.sin(time), "Unit": "rad", "XIndex": 1}
+    of_dspace[1] = {"Name": '"Model Root"/"torque"', "Data": np.cos(time), "Unit": "Nm", "XIndex": 1}
+    savemat(tmp_path / "dspace.mat", {"test1": {"X": {"Data": time, "Type": 4}, "Y": of_dspace}})
+    for path in tmp_path.iterdir():
+        (channel,) = import_file(path).channels
+        assert channel.kind is ChannelKind.REVOLUTE
+        assert np.allclose(channel.effort, np.cos(time))
 
 
 def test_a_strain_that_may_be_in_percent_is_asked_for(tmp_path):
