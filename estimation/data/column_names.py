@@ -185,15 +185,14 @@ def _is_index(letters: str, stem: str, unit: str) -> bool:
     Such letters are a unit only if a quantity that the rest of the name means is measured in it. Grams and
     amperes are no units behind a mere symbol, such as "P_g", the gauge pressure, and an A may label a thing.
     """
-    if letters not in _INDICES:
+    if letters.lower() not in _INDICES or letters == "N":
         return False
     last = words_of(stem)[-1:]
     quantity = "torque" if CURRENT.issuperset(last) and last else _quantity_of(last)
     if not quantity:
         is_symbol = len(stem) < _SHORTEST_WORD
-        return {"A": not _LABELED.isdisjoint(last) or (is_symbol and stem.isalpha()), "g": is_symbol}.get(
-            letters, False
-        )
+        is_label = not _LABELED.isdisjoint(last) or (is_symbol and stem.isalpha())
+        return letters == "a" or (letters == "A" and is_label) or (letters.lower() == "g" and is_symbol)
     return not _fits(quantity, unit) or (dimension_of(unit) == "length" and not _ANGLES.isdisjoint(last))
 
 
@@ -265,7 +264,7 @@ _NO_CLOCK = frozenset(["pwm", "pulse", "esc", "delay", "latency", "lag"])
 _NO_FORCE = frozenset(
     "acc accel acceleration accelerometer beschleunigung aceleracion accelerazione ax ay az".split()  # noqa: SIM905
 )
-_INDICES = frozenset(["m", "s", "g", "h", "A", "in", "min"])  # units that may also be indices, as in "tau_m"
+_INDICES = frozenset(["m", "s", "g", "h", "n", "a", "in", "min"])  # units that may be indices, as in "tau_m"
 _LABELED = frozenset(  # things that may be labeled A and B
     "pressure druck presion pression pressione chamber sensor channel cell port side specimen".split()  # noqa: SIM905
 )
@@ -521,6 +520,7 @@ def guess_column(name: str, *, anywhere: bool = False) -> Role:
         joint = NO_JOINT
     # `WORDS` has none for acceleration.
     uninformative = WORDS.get(quantity, frozenset()) | _UNINFORMATIVE | _COUNTS
+    uninformative |= CURRENT if quantity == "torque" else frozenset()
     joint_name = tuple(word.lower() for word in words if plain(word) not in uninformative)
     why = ("by this and other names", "by its unit", "by a word in its name", "by its name")[rank]
     specified = next((units.get(quantity, "") for pattern, units in _INTERFACES if pattern.search(name)), "")

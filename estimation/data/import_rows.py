@@ -257,9 +257,12 @@ def _check_times(columns: ColumnAssignment, rows: ImportedRows) -> None:
     if (np.diff(rows.time_s)[np.diff(rows.run) == 0] < 0).all():
         raise InputError(f"{table.path}: column '{name}' decreases throughout; reverse the order of the rows")
     if np.ptp(rows.time_s) == 0.0:
+        step_s = rows.time_s[0]
+        interval = f", and --unit time={step_s:.6g}s if it is the interval of rows" if step_s > 0.0 else ""
         raise InputError(
             f"{table.path}: column '{name}' has the same time in all rows; name the time column with "
             f"--column time=COLUMN, or add --context {shlex.quote(name)} to read this one as another signal"
+            f"{interval}"
         )
     before, after = rows.order[late[0]], rows.order[late[0] + 1]
     in_run = f" of run '{rows.labels[int(rows.run[late[0]])]}'" if len(rows.labels) > 1 else ""

@@ -339,6 +339,7 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
         ({"time_s": BACK}, {}, "line 32, column 'time_s': 0.1 s does not come after 0.29 s in line 31"),
         ({"time_s": BACK, "run": ["one"] + ["two"] * 49}, {}, "of run 'two'"),
         ({"time_s": np.zeros(50)}, {}, "has the same time in all rows; name the time column with --column"),
+        ({"time_s": np.full(50, 0.01)}, {}, "and --unit time=0.01s if it is the interval of rows"),
         ({"force_N": None}, {}, "a contact needs time_s, displacement_m, force_N"),
         ({"force_N": None, "F [N]": forces(at_7="inf")}, {}, "line 9, column 'F [N]': 'inf' is not a finite"),
         ({"force_N": None, "F [N]": [""] * 50}, {}, "line 2, column 'F [N]': '' is not a finite"),

@@ -44,8 +44,10 @@ def test_files_with_one_column_each_are_joined(tmp_path):
         (["t", "theta_m", "tau_m"], ["time", "position", "torque"]),  # of a motor, not in meters
         (["t", "theta_in", "tau_in"], ["time", "position", "torque"]),
         (["t", "q 1", "i 1"], ["time", "position", "torque"]),
+        (["t", "hip_q", "hip_i", "knee_q", "knee_i"], ["time", *("position", "torque") * 2]),
         (["t", "depth_mm", "P_g"], ["time", "displacement", ""]),  # a gauge pressure
         (["t", "angle_deg", "Pressure_A", "F_A"], ["time", "position", "", ""]),  # of one of two chambers
+        (["t", "theta_n", "v_a", "i_a"], ["time", "position", "", "torque"]),  # of an armature
         (["t", "depth_mm", "Acceleration (g)"], ["time", "displacement", ""]),
     ],
 )
