@@ -101,16 +101,18 @@ def recovery(data: ChannelData) -> tuple[bool, float]:
         if min(errors) > _RELAXING_RATIO * min(remembering, fresh):
             return fresh < _RECOVERED_RATIO * remembering, 1.0
 
-        def improves(other: ChannelData) -> bool:
-            """Return whether the flexible laws of the object predict held-out runs better."""
+        def improves(other: ChannelData, ratio: float) -> bool:
+            """Return whether the flexible laws of the object predict held-out runs better by a ratio."""
             laws = (error_of_kinds(fit_model(each, spring, {}, good)) for each in (continued, other))
             before, after = (law.mean_square(OBJECT_KINDS) for law in laws)
-            return bool(after < _RECOVERED_RATIO**2 * before)
+            return bool(after < ratio**2 * before)
 
-        if len(data.runs) > 1 and errors[1] < _WORSE_RATIO * errors[0] and improves(recovered):
+        may_recover = len(data.runs) > 1 and errors[1] < _WORSE_RATIO * errors[0]
+        if may_recover and improves(recovered, _RECOVERED_RATIO):
             return True, 1.0
         ratio = _free_surface_ratio(continued, hardening, fits[0], fits[2])
-        is_free = ratio != 1.0 and improves(replace(continued, recovery_ratio=ratio))
+        # A free surface is the physical case and adds no parameter, so any improvement is enough here.
+        is_free = ratio != 1.0 and improves(replace(continued, recovery_ratio=ratio), 1.0)
         return False, ratio if is_free else 1.0
 
 
