@@ -39,6 +39,8 @@ _JOINT_WORDS = frozenset(["q", "tau", "joint", "current", "torque"])  # in names
 _RISES = 0.9  # least share of rows in which a clock rises; it may restart in each run
 _MANY_TIMES = 10  # least ratio of columns to rows of a table whose rows hold signals
 _MIN_COLUMNS = 3  # least number of columns of which one may be a clock
+_MIN_ARM = 4  # least number of columns of which two may be positions and two torques
+_INTERVAL = "; without a time, --unit time=10ms states the interval of rows"
 
 
 @dataclass(frozen=True)
@@ -225,7 +227,7 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
     proposed = explain_numbers(" ".join(options))
     if has_effort:
         return f"{needed}; name the columns, as in {proposed}"
-    interval = "" if "time" in found else "; without a time, --unit time=10ms states the interval of rows"
+    interval = "" if "time" in found else _INTERVAL
     return (
         f"{needed}; if columns hold them, or the command of a drive, name them, as in {proposed}{interval}; "
         "if another file with the same rows holds them, give both files"
@@ -257,5 +259,7 @@ def _options_without_names(columns: ColumnAssignment) -> str:
     columns_of = (
         map(shlex.quote, valid) if len(left) == len(valid) == len(needed) else ["COLUMN"] * len(needed)
     )
+    has_time = "time" in given or bool(options)
     options += [f"--column {quantity}={name}" for quantity, name in zip(needed, columns_of, strict=True)]
-    return " ".join(options)
+    several = "; for several joints, as in --column position_1=COLUMN --column torque_1=COLUMN"
+    return " ".join(options) + several * (len(left) >= _MIN_ARM) + _INTERVAL * (not has_time)

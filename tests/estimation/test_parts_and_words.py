@@ -286,7 +286,11 @@ def test_columns_without_names_are_proposed_by_their_shape(tmp_path):
     ending = "--column time='column 2' --column displacement='column 3' --column force='column 1'"
     assert message.endswith(ending)
     message = refusal(saved(tmp_path / "four.csv", lines(WAY_M, FORCE_N, FORCE_N, WAY_M)))
-    assert message.endswith("as in --column displacement=COLUMN --column force=COLUMN")
+    several = "for several joints, as in --column position_1=COLUMN --column torque_1=COLUMN"
+    interval = "without a time, --unit time=10ms states the interval of rows"
+    assert message.endswith(
+        f"as in --column displacement=COLUMN --column force=COLUMN; {several}; {interval}"
+    )
 
 
 @pytest.mark.parametrize("last", ["constant", "one empty cell"])
