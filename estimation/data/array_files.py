@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.estimation.data.column_names import TIME, guess_columns, parse_role, split_unit, words_of
-from palpate.estimation.data.file_columns import FileColumns, check_size, list_first, pa, pc
+from palpate.estimation.data.file_columns import OTHER_LENGTHS, FileColumns, check_size, list_first, pa, pc
 from palpate.estimation.data.grouped_files import hdf5_content
 from palpate.estimation.data.table_layout import with_run
 from palpate.robot_io.errors import InputError
@@ -148,7 +148,7 @@ def read_groups(content: Mapping[str, Any], path: Path) -> FileColumns:
     lengths = [len(vector) for vector in vectors.values()]
     length = max(lengths, key=lambda each: (lengths.count(each), each))
     other_lengths = [name for name, vector in vectors.items() if len(vector) != length]
-    notes = (f"columns of other lengths left out: {list_first(other_lengths)}",) if other_lengths else ()
+    notes = (f"{OTHER_LENGTHS}: {list_first(other_lengths)}",) if other_lengths else ()
     columns = {name: vector for name, vector in vectors.items() if len(vector) == length}
     return FileColumns(arrow_table(columns, path), notes=notes)
 

@@ -25,7 +25,7 @@ from palpate.estimation.data.column_names import (
     words_of,
 )
 from palpate.estimation.data.column_units import ColumnUnits, explain_numbers
-from palpate.estimation.data.file_columns import list_first
+from palpate.estimation.data.file_columns import OTHER_LENGTHS, list_first
 from palpate.estimation.data.import_options import NO_OPTIONS, ImportOptions
 from palpate.estimation.data.table import Table
 from palpate.estimation.data.text_dialect import NAMELESS, OMITTED
@@ -100,7 +100,7 @@ def channel_sources(columns: ColumnAssignment) -> list[ChannelSource]:
             "time, motion and effort; if other files hold them, give all these files"
         )
     reason = f"no channel can be made of columns {table.listed_names}{first_row}"
-    tables = [note for note in table.notes if note.startswith(OMITTED)]
+    tables = [note for note in table.notes if note.startswith((OMITTED, OTHER_LENGTHS))]
     raise InputError("; ".join([f"{table.path}: {reason}", _suggest_columns(columns), *tables]))
 
 

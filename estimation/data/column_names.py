@@ -264,6 +264,7 @@ _NO_CLOCK = frozenset(["pwm", "pulse", "esc", "delay", "latency", "lag"])
 _NO_FORCE = frozenset(
     "acc accel acceleration accelerometer beschleunigung aceleracion accelerazione ax ay az".split()  # noqa: SIM905
 )
+_TEMPERATURES = frozenset(["C", "°C", "K", "F", "°F"])
 _INDICES = frozenset(["m", "s", "g", "h", "n", "a", "in", "min"])  # units that may be indices, as in "tau_m"
 _LABELED = frozenset(  # things that may be labeled A and B
     "pressure druck presion pression pressione chamber sensor channel cell port side specimen".split()  # noqa: SIM905
@@ -514,7 +515,9 @@ def guess_column(name: str, *, anywhere: bool = False) -> Role:
         unit = read_as(unit, QUANTITIES["torque"])
     quantity, rank = _match_words("".join(letters), letters, unit, anywhere=anywhere) if letters else ("", 0)
     rank = min(rank, _BY_WORD) if is_count else rank
-    if not quantity or (quantity == "position" and "power" in letters):  # q is a reactive power
+    is_temperature = quantity == "time" and unknown_unit(name) in _TEMPERATURES
+    is_reactive_power = quantity == "position" and "power" in letters  # q
+    if not quantity or is_temperature or is_reactive_power:
         return Role(name, "")
     if quantity not in _MOTION_OR_TORQUE:
         joint = NO_JOINT

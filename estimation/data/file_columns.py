@@ -25,6 +25,7 @@ __all__ = ["pa", "pa_csv", "pc"]
 
 
 BAGS = (".mcap", ".db3")  # endings of ROS 2 recordings
+OTHER_LENGTHS = "columns of other lengths left out"
 MAX_BYTES = 2**30  # size limit, ten hours at 1 kHz, to protect the memory
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.estimation.data.array_files import arrow_table, matrix_columns
 from palpate.estimation.data.column_names import RUN, TIME, guess_columns, split_unit
-from palpate.estimation.data.file_columns import FileColumns, check_size
+from palpate.estimation.data.file_columns import OTHER_LENGTHS, FileColumns, check_size
 from palpate.estimation.data.text_dialect import numbered_names
 from palpate.estimation.data.text_table import as_utf8
 from palpate.robot_io.errors import InputError
@@ -62,7 +62,7 @@ def read_json(path: Path) -> FileColumns:
         for name, cells in columns.items()
         if not any(map(_is_nested, cells))
     }
-    omitted = (f"columns of other lengths left out: {', '.join(other_lengths)}",) if other_lengths else ()
+    omitted = (f"{OTHER_LENGTHS}: {', '.join(other_lengths)}",) if other_lengths else ()
     return FileColumns(arrow_table(flat, path), notes=omitted)
 
 

@@ -49,6 +49,7 @@ def test_files_with_one_column_each_are_joined(tmp_path):
         (["t", "angle_deg", "Pressure_A", "F_A"], ["time", "position", "", ""]),  # of one of two chambers
         (["t", "theta_n", "v_a", "i_a"], ["time", "position", "", "torque"]),  # of an armature
         (["t", "depth_mm", "Acceleration (g)"], ["time", "displacement", ""]),
+        (["T (°C)", "depth_mm", "load_N"], ["", "displacement", "force"]),
     ],
 )
 def test_a_word_anywhere_tells_the_quantity_if_no_channel_is_found_otherwise(names, quantities):
@@ -125,6 +126,7 @@ def test_structs_without_a_clock_are_no_runs(tmp_path):
     table = read_table(tmp_path / "vectors.mat")
     assert "run" not in table.names
     assert table.notes == ("columns of other lengths left out: other",)
+    assert refusal(tmp_path / "vectors.mat").endswith(table.notes)
 
 
 @pytest.mark.parametrize("outer", ["t", "log.t", ""])
