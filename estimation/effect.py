@@ -10,8 +10,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import product
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +20,7 @@ from numpy.typing import ArrayLike
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.derivatives import reading_error
 from palpate.estimation.kinds import Kind
+from palpate.estimation.signals.cache_by_array import IdentityKey
 from palpate.robot_io.types import FloatArray
 
 Parameters = Mapping[str, float]  # values of all parameters by "effect.parameter"
@@ -184,11 +186,11 @@ class Effect(ABC):
         if not self.path:
             return self
         half_step = float(np.sqrt(3.0 * np.mean(reading_error(data) ** 2)))  # if the readings are quantized
-        suited = copy(self)
-        suited.inner = tuple(  # type: ignore[misc]  # the bound depends on the data
+        inner = tuple(
             replace(p, lower=min(max(p.lower, half_step), p.upper)) if p.name == self.path else p
             for p in self.inner
         )
+        suited: Effect = variant(IdentityKey(self), inner=inner)
         return suited
 
     def in_order(self, inner: Inner) -> Inner:
@@ -210,6 +212,31 @@ class Effect(ABC):
             data: the channel; its `context` must have all signals in `needs`.
         """
         return data.kind in self.channels and all(name in data.context for name in self.needs)
+
+
+@lru_cache(maxsize=256)
+def variant(effect: IdentityKey, **attributes: Any) -> Any:  # noqa: ANN401, the effect's own type
+    """Return a copy of an effect with other attributes, always the same one, since its columns are cached.
+
+    Args:
+        effect: the effect.
+        attributes: values that replace those of the effect.
+    """
+    changed = copy(effect.wrapped)
+    for name, value in attributes.items():
+        setattr(changed, name, value)
+    return changed
+
+
+@lru_cache(maxsize=256)
+def forms_of(effect: IdentityKey) -> tuple[Effect, ...]:
+    """Return the forms of an effect, always the same ones; see `variant`.
+
+    Args:
+        effect: the effect.
+    """
+    forms: tuple[Effect, ...] = effect.wrapped.forms()
+    return forms
 
 
 class AdditiveEffect(Effect):

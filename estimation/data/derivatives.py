@@ -55,11 +55,10 @@ def differentiate(
     time_s: FloatArray,
     position: FloatArray,
     piece: IntArray,
-    half_window: int | None = None,
+    half_window: int | tuple[int, int] | None = None,
     *,
     rounding: float | None = None,
     prefer_wide: bool = True,
-    extra_steps: int = 0,
     window_rows: BoolArray | None = None,
 ) -> Motion:
     """Estimate velocity and acceleration of a sampled position.
@@ -68,24 +67,23 @@ def differentiate(
         time_s: times, strictly increasing within a piece, shape (n,) [s].
         position: positions, shape (n,).
         piece: number of the smooth motion that each sample belongs to, in one block each, shape (n,).
-        half_window: number of samples on each side; None to select it.
+        half_window: number of samples on each side, or these numbers for velocity and for acceleration; None
+            to select them.
         rounding: variance of the positions' quantization; None to estimate it.
         prefer_wide: of the acceleration windows with about equal error, select the widest; False for the
             narrowest, which leaves more noise and less bias, as averages need.
-        extra_steps: number of steps in `HALF_WINDOWS` by which windows are widened, for a signal with smooth
-            errors, which narrow windows would follow.
         window_rows: mask of the samples on which windows are compared, shape (n,); None for all.
     """
     if rounding is None:
         rounding = rounding_variance(time_s, position, piece, grid_step(position))
     pieces = list(blocks(piece))
     measured, position = position, since_start(position, piece)
-    if half_window is not None:
-        halves = half_window, half_window
-    else:
+    if half_window is None:
         rows = slice(None) if window_rows is None else np.flatnonzero(window_rows)
-        widths = _select_windows(time_s[rows], position[rows], piece[rows], rounding, prefer_wide=prefer_wide)
-        halves = wider_window(widths[0], extra_steps), wider_window(widths[1], extra_steps)
+        half_window = _select_windows(
+            time_s[rows], position[rows], piece[rows], rounding, prefer_wide=prefer_wide
+        )
+    halves = (half_window, half_window) if isinstance(half_window, int) else half_window
     parts = [
         (rows, first, min(first + _BLOCK, rows.stop))
         for rows in pieces

@@ -15,7 +15,7 @@ import scipy
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.derivatives import grid_step
 from palpate.estimation.design.discrimination import SMALL
-from palpate.estimation.effect import Effect
+from palpate.estimation.effect import Effect, forms_of
 from palpate.estimation.effects.run_differences import RunVariation
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from palpate.estimation.fit.fit_result import FitResult
@@ -23,7 +23,7 @@ from palpate.estimation.fit.flexible_regression import fit_flexible
 from palpate.estimation.fit.inner_search import optimize_inner, search_inner
 from palpate.estimation.fit.measurement_model import MeasurementModel, shuffle_noise, with_derived_signals
 from palpate.estimation.model import Model
-from palpate.estimation.signals.cache_by_array import FitCache
+from palpate.estimation.signals.cache_by_array import FitCache, IdentityKey
 from palpate.estimation.signals.runwise import shifted_motion
 from palpate.robot_io.types import FloatArray
 
@@ -253,7 +253,7 @@ def bootstrap_samples(
 
 def _forms(model: Model, effect: Effect) -> list[Model]:
     """List the models with each form of an effect in place of the effect."""
-    forms = effect.forms()
+    forms = forms_of(IdentityKey(effect))
     return [model.without(effect.name).with_effect(form) for form in forms] if len(forms) > 1 else [model]
 
 

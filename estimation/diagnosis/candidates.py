@@ -9,7 +9,7 @@ import scipy
 
 from palpate.estimation.budget.laws import unseen_kinds
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.effect import Effect, Inner, SensorEffect
+from palpate.estimation.effect import Effect, Inner, SensorEffect, forms_of
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.effects.elastic_shape import ToolCompliance
 from palpate.estimation.fit.blocks import HEAVY
@@ -26,6 +26,7 @@ from palpate.estimation.fit.intervals import inner_slopes
 from palpate.estimation.fit.measurement_model import identify_measurement_model
 from palpate.estimation.kinds import Kind
 from palpate.estimation.model import Model
+from palpate.estimation.signals.cache_by_array import IdentityKey
 from palpate.estimation.signals.runwise import finest_step, longest_run, sample_time
 from palpate.robot_io.types import FloatArray
 
@@ -233,9 +234,10 @@ def extended_models(model: Model, effect: Effect) -> list[Model]:
         model: the model to extend.
         effect: the effect to add.
     """
-    after = [model.with_effect(form) for form in effect.forms()]
+    forms = forms_of(IdentityKey(effect))
+    after = [model.with_effect(form) for form in forms]
     if isinstance(effect, SensorEffect) and any(isinstance(e, SensorEffect) for e in model.effects):
-        return [*after, *(model.with_effect(form, first=True) for form in effect.forms())]
+        return [*after, *(model.with_effect(form, first=True) for form in forms)]
     return after
 
 

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from palpate.estimation.channel import JOINTS, ChannelData, ChannelKind
-from palpate.estimation.data.derivatives import Motion, differentiate
+from palpate.estimation.data.derivatives import Motion, differentiate, wider_window
 from palpate.estimation.effect import (
     AdditiveEffect,
     Errors,
@@ -270,7 +270,10 @@ class JointElasticity(MotionEffect):
 
 def _changes(data: ChannelData, wider: int) -> Motion:
     """Differentiate the load twice, with windows that are `wider` steps wider than usual."""
-    return differentiate(data.time_s, data.context["load"], data.run, rounding=0.0, extra_steps=wider)
+    # Narrow windows would follow smooth errors of the load. The usual windows are selected only once.
+    usual = _CHANGES[0](data).half_windows if wider else None
+    halves = usual and (wider_window(usual[0], wider), wider_window(usual[1], wider))
+    return differentiate(data.time_s, data.context["load"], data.run, halves, rounding=0.0)
 
 
 _CHANGES = {

@@ -9,9 +9,18 @@ from typing import Self
 import numpy as np
 
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.effect import AdditiveEffect, Effect, Inner, MemoryEffect, Parameter, start_grid
+from palpate.estimation.effect import (
+    AdditiveEffect,
+    Effect,
+    Inner,
+    MemoryEffect,
+    Parameter,
+    start_grid,
+    variant,
+)
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import block_index
+from palpate.estimation.signals.cache_by_array import IdentityKey
 from palpate.estimation.signals.contact_memory import (
     free_surface_memory,
     pressed_samples,
@@ -36,8 +45,7 @@ class _Relaxation(Effect):
         """See `Effect.suited_to`: there are two forms if runs begin pressed."""
         if not np.any(_begins_pressed(data)):
             return self
-        suited = copy(self)
-        suited.begins_pressed = True
+        suited: Self = variant(IdentityKey(self), begins_pressed=True)
         return suited
 
     def forms(self) -> tuple[Self, ...]:

@@ -112,12 +112,11 @@ class FitProblem:
 
     def _rows(self, parts: Sequence[FloatArray], target: FloatArray, indices: IntArray) -> FloatArray:
         """Return some weighted rows of all parts and of the target, shape (rows, q + 1), stored by column."""
-        ends = np.cumsum([part.shape[1] for part in parts])
-        rows = np.empty((ends[-1] + 1, len(indices)))
-        for part, end in zip(parts, ends, strict=True):
-            by_column = part.flags.f_contiguous
-            chosen = part.T.take(indices, axis=1) if by_column else part.take(indices, axis=0).T
-            rows[end - part.shape[1] : end] = chosen
+        rows, start = np.empty((sum(part.shape[1] for part in parts) + 1, len(indices))), 0
+        for part in parts:
+            by_column, end = part.flags.f_contiguous, start + part.shape[1]
+            rows[start:end] = part.T.take(indices, axis=1) if by_column else part.take(indices, axis=0).T
+            start = end
         rows[-1] = target[indices]
         if self.weights is not None:
             rows *= self.weights[indices]

@@ -69,21 +69,26 @@ class NormalEquations:
     @cached_property
     def held_out_systems(self) -> tuple[FloatArray, FloatArray]:
         """Linear systems without each fold for columns of unit length, see `systems`."""
-        return self.systems(self.scaled[1], by_fold=True)
+        return self.systems(self.scale, by_fold=True)
 
     @cached_property
-    def scaled(self) -> tuple[FloatArray, FloatArray]:
-        """Products with columns of unit length over all folds, and the factors of the columns (q,).
+    def scale(self) -> FloatArray:
+        """Factors that scale the columns to unit length over all folds, shape (q,).
 
         Prior information counts as additional rows, so that columns with little data are not scaled up.
         """
-        squares = self._sums.diagonal().copy()
+        squares = self._sums.diagonal()[:-1]
         if self.prior is not None:
-            squares[:-1] += self.prior.matrix[0].diagonal()
+            squares = squares + self.prior.matrix[0].diagonal()
         lengths = np.sqrt(squares)
-        lengths[-1] = 1.0  # the target is not scaled
-        scale = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
-        return self.products * scale[:, None] * scale, scale[:-1]
+        return np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
+
+    @cached_property
+    def scaled(self) -> FloatArray:
+        """Products with scaled columns, shape (folds, q + 1, q + 1); the target is not scaled."""
+        scale = np.append(self.scale, 1.0)
+        scaled: FloatArray = self.products * scale[:, None] * scale
+        return scaled
 
     @cached_property
     def _sums(self) -> FloatArray:
@@ -114,8 +119,8 @@ class LinearFit:
     @cached_property
     def sse(self) -> FloatArray:
         """Sum of squared residuals of the fit to all folds, by fold, shape (folds,)."""
-        scaled, scale = self.equations.scaled
-        return _sse(scaled, self.gains[self.free] / np.where(scale > 0.0, scale, 1.0))
+        scale = self.equations.scale
+        return _sse(self.equations.scaled, self.gains[self.free] / np.where(scale > 0.0, scale, 1.0))
 
     @cached_property
     def fold_gains(self) -> FloatArray:
@@ -127,13 +132,13 @@ class LinearFit:
     @cached_property
     def train(self) -> FloatArray:
         """For each fold, sum of squared residuals of the fit without it, in the other folds."""
-        scaled, _ = self.equations.scaled
+        scaled = self.equations.scaled
         return _sse(scaled.sum(axis=0) - scaled, self._unit_gains)
 
     @cached_property
     def held_out(self) -> FloatArray:
         """For each fold, sum of squared residuals of the fit without it, in this fold."""
-        return _sse(self.equations.scaled[0], self._unit_gains)
+        return _sse(self.equations.scaled, self._unit_gains)
 
     @cached_property
     def _unit_gains(self) -> FloatArray:
@@ -170,9 +175,9 @@ def solve_normal_equations(equations: NormalEquations, dof: int = 0) -> LinearFi
         equations: normal equations by fold.
         dof: number of samples, for standard errors; 0 if they are not needed.
     """
-    _, scale = equations.scaled
+    scale = equations.scale
     system, target = equations.systems(scale)
-    system = system + _RIDGE * np.eye(len(scale))
+    system.flat[:: len(scale) + 1] += _RIDGE
     gains = np.asarray(np.linalg.solve(system, target))
     return LinearFit(gains * scale, system, scale, dof, equations, np.arange(len(scale)))
 
@@ -188,9 +193,9 @@ def held_out_sse(
         columns: indices of the columns to fit, shape (k,); None for all.
     """
     columns = np.arange(ridges.shape[1]) if columns is None else columns
-    indices = np.append(columns, len(equations.scaled[1]))  # with the target
+    indices = np.append(columns, len(equations.scale))  # with the target
     gains = np.array([_held_out_unit_gains(equations, ridge, columns) for ridge in ridges])
-    return _sse(equations.scaled[0].take(indices, axis=1).take(indices, axis=2), gains)
+    return _sse(equations.scaled.take(indices, axis=1).take(indices, axis=2), gains)
 
 
 def held_out_gains(equations: NormalEquations, ridge: FloatArray, columns: IntArray) -> FloatArray:
@@ -201,7 +206,7 @@ def held_out_gains(equations: NormalEquations, ridge: FloatArray, columns: IntAr
         ridge: ridge penalty of each gain, on columns of unit length, shape (k,).
         columns: indices of the columns to fit, shape (k,).
     """
-    return _held_out_unit_gains(equations, ridge, columns) * equations.scaled[1][columns]
+    return _held_out_unit_gains(equations, ridge, columns) * equations.scale[columns]
 
 
 def _held_out_unit_gains(equations: NormalEquations, ridge: FloatArray, columns: IntArray) -> FloatArray:

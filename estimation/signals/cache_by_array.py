@@ -42,16 +42,25 @@ def cache_by_array(compute: Function) -> Function:
     Args:
         compute: function whose arguments are arrays and numbers.
     """
-    cached = lru_cache(maxsize=_MAX_RESULTS)(
-        lambda *keys: compute(*(key.wrapped if isinstance(key, IdentityKey) else key for key in keys))
-    )
+    # Keys contain the arrays' identities, which the results keep valid because they keep the arrays alive.
+    # Comparing identities takes far less time than comparing objects that wrap the arrays.
+    results, lock = OrderedDict[tuple[Hashable, ...], tuple[Any, tuple[Any, ...]]](), Lock()
 
     @wraps(compute)
     def lookup(*arguments: NDArray[Any] | float) -> Any:  # noqa: ANN401
+        key = tuple([id(each) if isinstance(each, np.ndarray) else each for each in arguments])
+        with lock:
+            if key in results:
+                results.move_to_end(key)
+                return results[key][0]
+        result = compute(*arguments)
         arrays = [argument for argument in arguments if isinstance(argument, np.ndarray)]
-        if any(array.flags.writeable or len(array) > _MAX_SAMPLES for array in arrays):
-            return compute(*arguments)
-        return cached(*(IdentityKey(each) if isinstance(each, np.ndarray) else each for each in arguments))
+        if not any(array.flags.writeable or len(array) > _MAX_SAMPLES for array in arrays):
+            with lock:
+                results[key] = result, arguments
+                if len(results) > _MAX_RESULTS:
+                    results.popitem(last=False)
+        return result
 
     return cast("Function", lookup)
 

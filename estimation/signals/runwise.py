@@ -19,7 +19,7 @@ _WINDOW = 5  # samples over which a derivative is smoothed
 _UNEVENNESS = 0.01  # largest relative difference of steps in even sampling
 # Time in which a probing tip reverses at most once, and its largest share of the longest run.
 _JITTER_WINDOW_S, _JITTER_SHARE = 0.025, 0.01
-_MAX_CLAMPS = 32  # number of operations that are composed into one
+_FEW_CLAMPS, _PIECE_CLAMPS = 4000, 16  # clamps that are composed at once, and in one piece of more clamps
 
 
 @cache_by_array
@@ -115,11 +115,22 @@ def shift(signal: FloatArray, time_s: FloatArray, run: IntArray, delay_s: float)
             result[:] = matrix @ column
         return shifted
     newest = int(np.ceil(delay_s / step_s)) - 2  # age of the newest of the four samples
-    weights = _cubic_weights(np.arange(4.0)[None, :], np.array([delay_s / step_s - newest]))[0]
-    shifted = sum(weight * np.roll(signal, newest + i, axis=0) for i, weight in enumerate(weights.tolist()))
+    weights = _even_weights(delay_s / step_s - newest)
+    shifted, first = np.empty_like(signal), max(newest + 3, 0)
+    count = max(len(signal) + min(newest, 0) - first, 0)
+    shifted[first : first + count] = sum(
+        weight * signal[first - newest - i :][:count] for i, weight in enumerate(weights)
+    )
     near_ends, matrix = _interpolation(time_s, run, delay_s, newest)
     shifted[near_ends] = matrix @ signal
-    return np.asarray(shifted)
+    return shifted
+
+
+@lru_cache(maxsize=64)
+def _even_weights(age: float) -> list[float]:
+    """Return the weights of four evenly spaced samples in a cubic's value `age` steps before the newest."""
+    weights: list[float] = _cubic_weights(np.arange(4.0)[None, :], np.array([age]))[0].tolist()
+    return weights
 
 
 @cache_by_array  # a search tries many effects before one delay
@@ -190,24 +201,27 @@ def play(signal: FloatArray, run: IntArray, half_width: float, start: FloatArray
 def _apply_clamps(low: FloatArray, high: FloatArray) -> FloatArray:
     """Return the state (n,) or (n, k) after each of n clamps, starting from the first clamp's lower end.
 
-    Consecutive clamps compose to one clamp. Pieces are therefore first condensed to one clamp each, in
-    parallel. These are applied in sequence, and then the clamps within each piece from the piece's state.
+    Consecutive clamps compose to one clamp. Many clamps are first condensed to one for each piece, and are
+    applied within the pieces after the states between them are known.
     """
-    length = min(int(np.sqrt(len(low))) + 1, _MAX_CLAMPS)
-    lows, highs = split_columns(low, length), split_columns(high, length)
+    if len(low) <= _FEW_CLAMPS:
+        low, high, span = low.copy(), high.copy(), 1
+        # Each iteration composes over twice as many clamps, until all of them are constant.
+        while span < len(low) and np.any(low[span:] < high[span:]):
+            least, most = low[span:], high[span:]
+            low[span:], high[span:] = (
+                np.minimum(np.maximum(bound[:-span], least), most) for bound in (low, high)
+            )
+            span *= 2
+        return low
+    lows, highs = split_columns(low, _PIECE_CLAMPS), split_columns(high, _PIECE_CLAMPS)
     least, most = lows[0].copy(), highs[0].copy()
     for low_now, high_now in zip(lows[1:], highs[1:], strict=True):
         for bound in (least, most):
             np.minimum(np.maximum(bound, low_now, out=bound), high_now, out=bound)
-    if len(least) > _MAX_CLAMPS:
-        ends = _apply_clamps(least, most)
-    else:
-        ends = least
-        for number in range(1, len(ends)):
-            ends[number] = np.minimum(np.maximum(ends[number - 1], least[number]), most[number])
-    state = np.concatenate([low[:1], ends[:-1]])
+    state = np.concatenate([low[:1], _apply_clamps(least, most)[:-1]])
     played = np.empty_like(lows)
-    for place in range(length):
+    for place in range(_PIECE_CLAMPS):
         state = np.minimum(np.maximum(state, lows[place]), highs[place], out=played[place])
     return np.asarray(played.swapaxes(0, 1).reshape(-1, *low.shape[1:])[: len(low)])
 

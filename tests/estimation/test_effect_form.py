@@ -140,6 +140,7 @@ def test_characteristic_path_is_at_least_half_an_encoder_step(name):
     assert path.lower == pytest.approx(0.75e-3 if effect.path else own.lower, rel=0.1)
     assert min(start[path.name] for start in suited.starts(data)) >= path.lower
     assert effect.inner is type(effect).inner
+    assert effect.suited_to(data) is suited  # otherwise its columns would be computed again
 
 
 def test_presliding_shorter_than_an_encoder_step_is_identified(monkeypatch):
