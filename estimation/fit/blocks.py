@@ -9,7 +9,7 @@ import scipy
 
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.derivatives import reading_error
-from palpate.estimation.effect import AdditiveEffect, Effect, Parameters
+from palpate.estimation.effect import AdditiveEffect, Effect, MotionEffect, Parameters
 from palpate.estimation.model import Model, own_parameters
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.estimation.signals.cache_by_array import FitCache, IdentityKey
@@ -138,7 +138,7 @@ class BlockedData:
     def at_full_rate(
         self, model: Model, effect: AdditiveEffect, data: ChannelData, parameters: Parameters
     ) -> FloatArray:
-        """Return `Model.columns` at each sample, shape (n, k); cached for the measured motion.
+        """Return `Model.columns` at each sample, shape (n, k); cached.
 
         Args:
             model: the model.
@@ -146,11 +146,13 @@ class BlockedData:
             data: the channel, with the motion that acts on the object.
             parameters: a value for every inner parameter.
         """
-        if data is not self.data:
+        if data is not model.moved(self.data, parameters):  # simulated
             return model.columns(effect, data, parameters)
         inner = own_parameters(effect, parameters)
-        load = self._load_of(effect)
+        moves = [each for each in model.effects if isinstance(each, MotionEffect)]
+        load = self._load_of(effect, *moves)
         key: tuple[Hashable, ...] = "at full rate", IdentityKey(effect), IdentityKey(load), *inner.values()
+        key += tuple((IdentityKey(each), *own_parameters(each, parameters).values()) for each in moves)
         columns = self.cache.get_or_compute(key, lambda: effect.columns(data, inner), load)
         if not (memories := model.memories_of(effect)):
             return columns

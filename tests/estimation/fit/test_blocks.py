@@ -283,6 +283,18 @@ def test_full_rate_columns_are_known_only_on_the_measured_motion():
     np.testing.assert_allclose(blocked.at_full_rate(model, coulomb, moved, inner), -first)
 
 
+def test_full_rate_columns_follow_the_effects_that_move_the_surface():
+    data = press()
+    blocked, stiffness = block_average(data), EFFECTS["stiffness"]()
+    model = Model("test", (stiffness, EFFECTS["contact_offset"]()))
+    near, far = ({"contact_offset.offset": offset} for offset in (1e-4, 1e-3))
+    first = blocked.at_full_rate(model, stiffness, model.moved(data, near), near)
+    other = blocked.at_full_rate(model, stiffness, model.moved(data, far), far)
+    assert blocked.at_full_rate(model, stiffness, model.moved(data, near), near) is first
+    np.testing.assert_allclose(first, model.columns(stiffness, model.moved(data, near), near))
+    assert not np.allclose(first, other)
+
+
 def test_full_rate_columns_are_known_for_each_memory_that_relaxes_them():
     """Only elastic columns depend on the memory."""
     data = press()
