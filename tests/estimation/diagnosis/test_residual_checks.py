@@ -556,7 +556,7 @@ def test_ripple_with_a_phase_in_each_run_must_explain_much(ripple, runs, is_foun
     left = residual_checks._error_with_own_waves(end)
     assert left == (pytest.approx(NOISE_NM, rel=0.2) if is_found else None)
     if is_found:
-        assert f"run would leave {left:.3g} N m; begin each run" in objection(end.data, end).reason
+        assert f"run would leave {left:.3g} N m; start each run" in objection(end.data, end).reason
 
 
 def test_a_zero_of_each_run_is_no_ripple():

@@ -120,8 +120,8 @@ def test_contact_made_or_lost_by_a_reading_error_is_no_noise():
 
 def test_noise_in_words_names_errors_of_the_motion_if_they_matter():
     noise = MeasurementNoise(0.03, NoiseSource.FREE_AIR, 0.02, 0.022)
-    assert noise.describe("N") == "0.03 N, from free air and errors of the motion"
-    assert replace(noise, value=0.021).describe("N") == "0.021 N, from free air"
+    assert noise.describe("N") == "0.0300 N, from free air and errors of the motion"
+    assert replace(noise, value=0.021).describe("N") == "0.0210 N, from free air"
 
 
 def test_zero_readings_in_free_air_give_no_noise_estimate():

@@ -106,7 +106,7 @@ def test_value_beyond_its_physical_bounds_is_refused(tmp_path):
     Revisions(tmp_path).save(
         lambda number: revision(number, effects=["lag"], added="lag", parameters=SPRING | lag)
     )
-    with pytest.raises(InputError, match=r"lag\.tau is -5, beyond"):
+    with pytest.raises(InputError, match=r"lag\.tau is -5, outside"):
         Revisions(tmp_path).all()
 
 
