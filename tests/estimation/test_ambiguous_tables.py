@@ -201,5 +201,7 @@ def test_only_a_column_that_increases_is_proposed_as_the_time(tmp_path):
 def test_files_named_after_joints_are_proposed_as_joints(tmp_path):
     for name, columns in {"t": TIME_S, "q_filter": [ANGLE] * 2, "tau_filter": [CURRENT] * 2}.items():
         np.savetxt(tmp_path / f"{name}.txt", np.transpose(columns))
-    with pytest.raises(InputError, match=r"--column time=t --column position=COLUMN --column torque=COLUMN$"):
+    several = "for several joints, as in --column position_1=COLUMN --column torque_1=COLUMN$"
+    proposed = f"--column time=t --column position=COLUMN --column torque=COLUMN; {several}"
+    with pytest.raises(InputError, match=proposed):
         import_files([tmp_path / f"{name}.txt" for name in ("q_filter", "t", "tau_filter")], ImportOptions())

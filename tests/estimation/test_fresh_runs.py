@@ -16,11 +16,24 @@ from palpate.estimation.data.table import table_of
 from palpate.estimation.effects.time_memory import RelaxationSpectrum
 from palpate.estimation.models import MODELS
 from palpate.estimation.signals.blocks import since_start
-from palpate.estimation.signals.contact_memory import free_surface_memory, remaining_strain
+from palpate.estimation.signals.contact_memory import (
+    above_free_surface,
+    free_surface_memory,
+    remaining_strain,
+)
 from palpate.estimation.signals.exponential_memory import relax
 from palpate.estimation.study import ModelStudy
 from palpate.estimation.study.fitting import fit_base, recovery
-from tests.estimation.presses import NOISE_N, RATE_HZ, K, kelvin_voigt, long_session, maxwell, session
+from tests.estimation.presses import (
+    NOISE_N,
+    RATE_HZ,
+    K,
+    channel,
+    kelvin_voigt,
+    long_session,
+    maxwell,
+    session,
+)
 
 TAU_S = 1.5
 
@@ -98,6 +111,27 @@ def test_damped_surface_recovers_by_the_elastic_law_of_the_object():
     study = ModelStudy(session(64, partial(damped_surface, cubic=1e4)))
     truth = {"stiffness.k": K, "damping.c": K, "cubic_stiffness.k3": 1e4 * K}
     assert study.fit("contact", ["cubic_stiffness"]).values == pytest.approx(truth, rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("elastic_n", "free_m"),
+    [
+        (lambda x: 800.0 * np.maximum(x, 0.0) ** 2, lambda t: 1.0 / (100.0 + 80.0 * t)),
+        (lambda x: 10.0 * np.maximum(x - 0.001, 0.0), lambda t: 0.001 + 0.009 * np.exp(-t)),
+    ],
+    ids=["quadratic", "beginning at 1 mm"],
+)
+@pytest.mark.parametrize("change", [{}, {"recovers": True}, {"time_s": np.tile(np.arange(1000.0), 2) * 1e-3}])
+def test_tip_touches_a_surface_that_recovers_by_its_law(elastic_n, free_m, change):
+    """It is held at 10 mm, leaves, and presses again after 0.9 s."""
+    x = np.concatenate([np.full(100, 0.01), [0.009], np.full(899, -0.001), np.linspace(0.0, 0.01, 1000)])
+    time_s, v, run = np.arange(2000) * 1e-3, 1e3 * np.diff(x, prepend=x[0]), np.repeat([0, 1], 1000)
+    pushing_n = np.where(x > 0.0, elastic_n(x) + 10.0 * v, 0.0)
+    data = replace(channel(pushing_n, time_s, x, v, run), **change)
+    left, pressed = pushing_n < 0.0, elastic_n(x) > 0.0
+    recovering = pressed & (run == 1) & (x < free_m(time_s - 0.099)) & (not change)
+    found = above_free_surface(pushing_n, elastic_n(x), 10.0, data)
+    np.testing.assert_array_equal(found, left | recovering)
 
 
 def free_surface(time_s, x, v, run, *, k, branches):
