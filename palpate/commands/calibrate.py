@@ -164,7 +164,7 @@ def force(
 _POSE = "Pose in which the arm is held: 'home', or one angle per joint; nothing moves."
 _LOWER_STOPS = "Lower hard stops; default: the URDF's limits."
 _UPPER_STOPS = "Upper hard stops; default: the URDF's limits."
-_KNOWN_MRAD = "Standard uncertainty of the stops or the pose [mrad]."
+_KNOWN_MRAD = "Standard uncertainty of the stops or the pose."
 
 
 @group.command()
@@ -227,7 +227,7 @@ def encoder(
 @group.command()
 @with_options(MotionOptions)
 def torque(options: MotionOptions) -> None:
-    """Calibrate gains and offsets of the drives' torques, from a motion in free air under the arm's weight.
+    """Calibrate gains and offsets of the drives' torques from the arm's weight, during a motion in free air.
 
     Friction is estimated and reported, but not compensated. The URDF's masses are assumed to be exact.
     """

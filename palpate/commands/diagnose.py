@@ -194,7 +194,7 @@ def _next_steps(
 
 
 _ESTIMATOR = (
-    f"One or more of {', '.join(ESTIMATORS)}, separated by commas. [default: {','.join(DEFAULT_ESTIMATORS)}]"
+    f"One or more of {', '.join(ESTIMATORS)}, separated by commas; default: {','.join(DEFAULT_ESTIMATORS)}."
 )
 
 

@@ -155,7 +155,7 @@ def _state_summary(states: Mapping[int, str] | Mapping[str, str]) -> str:
 _OPERATOR = f"{', '.join(OPERATOR_DEVICES)}, or a YAML file with the settings of one of these."
 _ROBOT = "Virtual arm that the operator moves: shipped, or a file."
 _SCENARIO = "Virtual object that the operator feels before the first estimate."
-_JUMP_N = "Largest change of force per millisecond when the model is updated [N]."
+_JUMP_N = "Largest change of force per millisecond when the model is updated."
 
 
 @group.command()
@@ -252,7 +252,7 @@ def demo(
     """Run both sides as two processes on this machine, with a scripted operator; takes less than a minute.
 
     The operator chooses two places and presses on a virtual object that is a guess at first. At the end,
-    it states the difference between the felt and the real force, and warns if the machine was too slow.
+    the demo states the difference between the felt and the real force, and warns if the machine was too slow.
 
     Examples:
       palpate teleop demo --out teleop-demo

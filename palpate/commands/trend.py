@@ -44,7 +44,7 @@ def trend_command(
     group: Annotated[str | None, Option(help=_GROUP, metavar="FIELD")] = None,
     add: AddOption = None,
     follow: Annotated[bool, Option("--follow", help=_FOLLOW)] = False,
-    every_s: Annotated[float, Option(help="Time between two tests of --follow [s].", min=0.1)] = 30.0,
+    every_s: Annotated[float, Option(help="Time between tests of --follow.", metavar="S", min=0.1)] = 30.0,
     exit_code: Annotated[bool, Option("--exit-code", help=_EXIT_CODE)] = False,
     as_json: JsonOption = False,
 ) -> None:

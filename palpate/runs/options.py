@@ -133,7 +133,7 @@ class CalibrateOptions(RunOptions):
     )
     accept_implausible: Annotated[
         bool,
-        Option("--accept-implausible", help="Write a calibration although its values are implausible."),
+        Option("--accept-implausible", help="Write a calibration even if its values are implausible."),
     ] = False
 
 

@@ -91,7 +91,7 @@ class StudyOptions(ReadOptions):
 
 _FILE = "Session (.mcap), folder of sessions, or data file (.csv, .xlsx, .parquet, .npz ...)."
 _HELD_OUT = (
-    "Runs to exclude from fitting, such as 2,5; the commands compare and add score models only on these. "
+    "Runs to exclude from fitting, such as 2,5; with compare and add, models are scored only on these. "
     "Default: each run is predicted from the others."
 )
 

@@ -7,8 +7,10 @@ import subprocess
 import sys
 
 import pytest
+from rich.markup import render
 
 from docs.make_commands import DOCUMENT, document
+from palpate.commands import COMMANDS, load_command
 from palpate.robot_io.files.file_model import load_yaml, parse_yaml
 from tests.palpate.cli import ROOT, as_json
 
@@ -43,6 +45,17 @@ def test_document_links_exist(path):
 def test_command_page_matches_the_help():
     """Otherwise run `.venv/bin/python docs/make_commands.py`."""
     assert DOCUMENT.read_text(encoding="utf-8") == document()
+
+
+def test_terminal_shows_the_whole_help_of_each_option():
+    """Rich takes a unit such as `[s]` for markup."""
+
+    def helps(command):
+        yield from (param.help or "" for param in command.params)
+        yield from (text for child in getattr(command, "commands", {}).values() for text in helps(child))
+
+    texts = [text for name in COMMANDS for text in helps(load_command(name))]
+    assert [render(text).plain for text in texts] == texts
 
 
 def test_site_builds_without_external_hosts(tmp_path):
