@@ -375,8 +375,9 @@ def _subtract_deflection(
     unit = unit_in_name(column)
     if is_named or len(bases) != 1 or dimension_of(unit) != "length" or "deflection" not in column.lower():
         note = (
-            f"{fact} within rounding: one may be computed from the other, or the stiffness is that of the "
-            "force sensor; if another column holds the displacement, add --column displacement=COLUMN"
+            f"{fact} within rounding: one may have been computed from the other, or the displacement is "
+            "the deflection of the force sensor; if another column holds the displacement, add "
+            "--column displacement=COLUMN"
         )
         return table, chosen, [note]
     stem, base_unit = split_unit(bases[0])

@@ -246,11 +246,12 @@ def choose_experiment(candidates: Sequence[Experiment]) -> ExperimentChoice | No
     ]
     index = max(equivalent, key=lambda number: (candidates[number].evidence, -candidates[number].duration_s))
     chosen = candidates[index]
-    advantage = "one with the most evidence" if chosen.evidence else "shortest"
-    shared_rank = f"{advantage} of {len(equivalent)} nearly equally informative experiments"
-    rank = "most informative experiment" if len(equivalent) == 1 else shared_rank
+    rank = "This is the most informative experiment"
+    if len(equivalent) > 1:
+        advantage = "promises the most evidence" if chosen.evidence else "is the shortest"
+        rank = f"Of {len(equivalent)} nearly equally informative experiments, this {advantage}"
     reason = (
-        f"{chosen.instruction} ({chosen.duration_s:.0f} s). This is the {rank}, expected to separate "
+        f"{chosen.instruction} ({chosen.duration_s:.0f} s). {rank}. It is expected to separate "
         f"{100 * chosen.separation:.0f} % of the remaining explanations"
     )
     return ExperimentChoice(index, chosen, reason)

@@ -108,7 +108,7 @@ _BY_SIGNAL: Mapping[str, str] = {
         "repeat the motion, then repeat it at half the speed: impacts become weaker, lost readings do not"
     ),
     "run": "repeat the same motion, and see whether runs differ again",
-    **dict.fromkeys(("position", "effort", "load"), "go further, slowly"),
+    **dict.fromkeys(("position", "effort", "load"), "move further, slowly"),
     **dict.fromkeys(("direction", "acceleration", "joint position", "joint velocity"), _WIDER),
 }
 

@@ -65,10 +65,10 @@ class CubicStiffness(AdditiveEffect):
     gains = (Parameter("k3", "{effort}/{position}^3", -1e13, 1e13, (1.0, 1e9)),)
     elastic = ("k3",)
     confused_with = {
-        "exponential_stiffness": "go further: an exponential soon outgrows a cubic",
-        "power_law_stiffness": "go further: a power law and a cubic diverge",
-        "hunt_crossley": "go further: a power law and a cubic diverge",
-        "layered_stiffness": "go further: a layer has a kink where the slope jumps, a cubic has none",
+        "exponential_stiffness": "move further: an exponential soon outgrows a cubic",
+        "power_law_stiffness": "move further: a power law and a cubic diverge",
+        "hunt_crossley": "move further: a power law and a cubic diverge",
+        "layered_stiffness": "move further: a layer has a kink where the slope jumps, a cubic has none",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -89,11 +89,11 @@ class PowerLawStiffness(AdditiveEffect):
     # 1.5 for the contact of a sphere (Hertz), 2 for that of a cone (Sneddon); below 1 the spring softens.
     inner = (Parameter("n", "1", 0.3, 6.0, (0.4, 4.0)),)
     confused_with = {
-        "cubic_stiffness": "go further: a power law and a cubic diverge",
-        "exponential_stiffness": "go further: an exponential soon outgrows any power",
+        "cubic_stiffness": "move further: a power law and a cubic diverge",
+        "exponential_stiffness": "move further: an exponential soon outgrows any power",
         "hunt_crossley": "press at two speeds: its damping grows with depth",
-        "layered_stiffness": "go further: layers have a kink, a power law has none",
-        "softening_stiffness": "go further: its force becomes straight, a power law keeps softening",
+        "layered_stiffness": "move further: layers have a kink, a power law has none",
+        "softening_stiffness": "move further: its force becomes linear, a power law keeps softening",
         "contact_offset": "find the surface by a slow touch: an offset bends the curve near the surface only",
     }
 
@@ -120,10 +120,10 @@ class LayeredStiffness(AdditiveEffect):
     inner = (Parameter("depth", "{position}", 0.0, 10.0, (0.001, 0.02)),)
     start_multiples = {"depth": ("deepest", np.linspace(0.1, 0.85, 11))}
     confused_with = {
-        "exponential_stiffness": "go further: beyond the kink a layer is straight",
+        "exponential_stiffness": "move further: beyond the kink a layer is linear",
         "softening_stiffness": "read more often near the bend: only a layer has a kink",
-        "cubic_stiffness": "go further: beyond the kink a layer is straight, a cubic keeps bending",
-        "hunt_crossley": "go further: beyond the kink a layer is straight, a power law keeps bending",
+        "cubic_stiffness": "move further: beyond the kink a layer is linear, a cubic keeps curving",
+        "hunt_crossley": "move further: beyond the kink a layer is linear, a power law keeps curving",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -175,7 +175,7 @@ class SofteningStiffness(AdditiveEffect):
     start_multiples = {"d": ("deepest", (0.03, 0.07, 0.15, 0.3, 0.6, 1.2))}
     confused_with = {
         "layered_stiffness": "read more often near the bend: only a layer has a kink",
-        "power_law_stiffness": "go further: a power law keeps softening, this force becomes straight",
+        "power_law_stiffness": "move further: a power law keeps softening, this force becomes linear",
         "plastic_set": "unload: an elastic spring softens in the same way on the way out",
         "contact_offset": "find the surface by a slow touch: a wrong surface bends the curve near it only",
     }
@@ -333,9 +333,9 @@ class ExponentialStiffness(AdditiveEffect):
     elastic = ("a",)
     inner = (Parameter("b", "1/{position}", 1e-3, 1e9, (10.0, 1000.0), log=True),)
     confused_with = {
-        "power_law_stiffness": "go further: an exponential soon outgrows any power",
-        "cubic_stiffness": "go further: an exponential soon outgrows a cubic",
-        "layered_stiffness": "go further: layers have a kink, an exponential has none",
+        "power_law_stiffness": "move further: an exponential soon outgrows any power",
+        "cubic_stiffness": "move further: an exponential soon outgrows a cubic",
+        "layered_stiffness": "move further: layers have a kink, an exponential has none",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:

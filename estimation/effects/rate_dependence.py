@@ -106,8 +106,8 @@ class HuntCrossley(AdditiveEffect):
     inner = (Parameter("n", "1", 0.5, 4.0, (1.0, 2.0)),)
     confused_with = {
         "power_law_stiffness": "press at two speeds: its damping grows with depth",
-        "cubic_stiffness": "go further: a power law and a cubic diverge",
-        "layered_stiffness": "go further: layers have a kink, a power law has none",
+        "cubic_stiffness": "move further: a power law and a cubic diverge",
+        "layered_stiffness": "move further: layers have a kink, a power law has none",
         "contact_offset": "find the surface by a slow touch: an offset bends the curve near the surface only",
     }
 

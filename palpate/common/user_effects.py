@@ -278,7 +278,7 @@ def try_effect(effect: Effect, data: ChannelData) -> bool | None:
     applies = effect.applies_to(data)
     if not isinstance(applies, bool | np.bool_):
         raise InputError(
-            f"effect '{effect.name}': applies_to returned {type(applies).__name__}, expected a bool"
+            f"effect '{effect.name}': applies_to() returns {type(applies).__name__}, expected a bool"
             f"{place_of(type(effect), 'applies_to')}"
         )
     if not applies:
@@ -293,7 +293,7 @@ def try_effect(effect: Effect, data: ChannelData) -> bool | None:
             effect.simpler(_frozen(columns))
             if not np.array_equal(columns, effect.columns(data, inner)):
                 raise InputError(
-                    f"effect '{effect.name}': columns returns different values when called again; it must "
+                    f"effect '{effect.name}': columns() returns different values when called again; it must "
                     f"depend only on the data and the inner parameters{place_of(type(effect), 'columns')}"
                 )
             acts = any(np.any(effect.columns(data, start)) for start in starts)
@@ -317,11 +317,11 @@ def try_effect(effect: Effect, data: ChannelData) -> bool | None:
 def _flaw(effect: Effect, method: str, args: tuple[Any, ...], made: Any) -> str | None:  # noqa: ANN401
     """Describe the error in a method's result; None if there is none."""
     if method == "suited_to" and not (isinstance(made, Effect) and made.name == effect.name):
-        return f"suited_to returns {made!r}, expected an effect of the same name"
+        return f"suited_to() returns {made!r}, expected an effect of the same name"
     names = {parameter.name for parameter in effect.inner}
     if method == "starts" and not (made and all(set(start) == names for start in made)):
         values = ", ".join(sorted(names)) or "nothing: ({},)"
-        return f"starts returns {list(made[:1])}, expected values for {values}"
+        return f"starts() returns {list(made[:1])}, expected values for {values}"
     for what, array, shape in _arrays(effect, method, args, made):
         kind = np.asarray(array).dtype
         wrong = ""
@@ -334,7 +334,7 @@ def _flaw(effect: Effect, method: str, args: tuple[Any, ...], made: Any) -> str 
         elif np.any(np.abs(array) > LARGEST_NUMBER):
             wrong = f"values beyond {LARGEST_NUMBER:g}"
         if wrong:
-            return f"{what} returns {wrong}"
+            return f"{what}() returns {wrong}"
     return None
 
 

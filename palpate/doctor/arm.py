@@ -34,7 +34,7 @@ NOT_POWERED = warn(
 )
 
 _UNCHECKED = {  # by the calibration that checks it
-    "encoder": skip("zeros", "not checked beyond the torques above", "palpate calibrate encoder"),
+    "encoder": skip("zeros", "checked only indirectly, by the torques above", "palpate calibrate encoder"),
     "force": skip(
         "scale of the force", "not checked: the press had no known force", "palpate calibrate force"
     ),
@@ -81,7 +81,7 @@ def examine_arm(check: ArmCheck) -> Iterator[Finding]:
             robot = make()
             yield from examine_limits(robot_file, body)
             if shift_warning:
-                remedy = "hold the arm in a known pose and compare; else palpate calibrate encoder"
+                remedy = "compare the angles in a known pose; if they differ, run palpate calibrate encoder"
                 yield warn("zeros", shift_warning, remedy)
             ports = dict(_examine_ports(robot_file))
             yield from ports.values()

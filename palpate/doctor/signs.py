@@ -336,7 +336,7 @@ def examine_powered(
         is_stuck = moved_rad < _FOLLOWED * NUDGE_RAD
         is_scaled = not is_stuck and not abs(share - 1.0) <= _SPEED_SHARE
         value = f"moved {moved_rad:.3f} of {NUDGE_RAD:g} rad"
-        value += f"; its reported speeds are {share:.2f} of those of its positions" * is_scaled
+        value += f"; its reported speeds are {share:.2f} times those of its positions" * is_scaled
         stuck = "it does not follow: friction, a low torque limit, or a wrong torque constant"
         model = "its torques have a wrong scale too: correct its model in the robot file"
         remedies = (_FAIL, is_stuck, stuck), (_FAIL, is_scaled, model)

@@ -242,7 +242,7 @@ def between(low: float, high: float, unit: str) -> AfterValidator:
 
 
 ZeroAngle = Annotated[Number, between(-25.0, 25.0, "rad")]
-"""A joint angle where its drive shows zero: four turns at most, more than a drive counts from power-up."""
+"""Joint angle at which the drive reads zero; a drive reads less than the limit of four turns at power-up."""
 
 Capacity = Annotated[Positive, Field(le=1e5)]
 """Largest force that a force sensor can measure [N]; larger sensors are too heavy for an arm."""

@@ -243,14 +243,14 @@ class Nameless(AdditiveEffect):
 
 INVALID_BODIES = [
     ("def known(self, data): return np.zeros(len(data))", ("odd", "known() takes 2 positional")),
-    ("def known(self, data, inner): return np.zeros(3)", ("odd", "known returns an array of shape (3,)")),
+    ("def known(self, data, inner): return np.zeros(3)", ("odd", "known() returns an array of shape (3,)")),
     ("def columns(self, data, inner): return 1j * data.position[:, None]", ("complex128", "real number")),
     ("def columns(self, data, inner): return 'hello'", ("odd", "real numbers")),
     ("def is_misnamed(self, data, parameters): return 1", ("is_misnamed() takes 3 positional",)),
     ("def suited_to(self, data): return None", ("suited_to", "same name")),
     (
         "inner = (Parameter('t', 's', 0, 1, (0.1, 0.2)),); starts = lambda self, data: ({},)",
-        ("starts returns", "t"),
+        ("starts() returns", "t"),
     ),
     ("def simpler(self, columns): raise KeyError('a')", ("odd", "KeyError")),
     ("name = 'bias'", ("'bias' is taken", "another name")),

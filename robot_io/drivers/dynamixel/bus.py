@@ -79,7 +79,7 @@ class DynamixelBus(ServoBus[DynamixelFeedback]):
         )
         if errors := read(servo.id, tables.HARDWARE_ERROR_STATUS):
             names = tables.hardware_error_names(errors)
-            yield fail(label, f"hardware error: {names}", "remove the cause, then reboot it")
+            yield fail(label, f"hardware error: {names}", "remove the cause, then switch it off and on")
         for trouble, remedy in access.setup_problems(servo):
             yield fail(label, trouble, remedy)
 

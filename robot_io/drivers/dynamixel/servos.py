@@ -177,7 +177,7 @@ class DynamixelAccess(RegisterAccess):
     def describe_alert(self, servo_id: int) -> str:
         register = tables.HARDWARE_ERROR_STATUS
         names = tables.hardware_error_names(register.decode(self._read(servo_id, register).data))
-        return f" (hardware error: {names}; it must be rebooted)"
+        return f" (hardware error: {names}; to clear it, switch the servo off and on)"
 
 
 class DynamixelLine(ServoLine):

@@ -100,10 +100,11 @@ def test_shortest_of_the_most_informative_experiments_is_chosen():
         Experiment(w, s, lead(v)) for w, s, v in (("l", 60, 0.9), ("s", 5, 0.2), ("w", 1, 0.1))
     )
     assert choose_experiment([long, short, weak]).experiment is short
-    assert "shortest of 2 nearly equally informative" in choose_experiment([long, short, weak]).reason
+    assert "Of 2 nearly equally" in choose_experiment([long, short, weak]).reason
+    assert "experiments, this is the shortest." in choose_experiment([long, short, weak]).reason
     assert "most informative" in choose_experiment([short, weak]).reason
     known = [replace(long, evidence=2.0), replace(short, evidence=1.0)]
-    assert "This is the one with the most evidence of 2 nearly equally" in choose_experiment(known).reason
+    assert "2 nearly equally informative experiments, this promises" in choose_experiment(known).reason
     assert choose_experiment([weak, Experiment("weaker", 1, lead(0.06))]).experiment is weak
     assert choose_experiment([Experiment("nothing", 1, lead(0.02))]) is None
     assert choose_experiment([]) is None

@@ -332,7 +332,7 @@ def test_fixed_motion_gets_the_effect_s_own_advice():
         (["past motion"], "hold still for longer, then repeat the motion at once (the motion recorded here"),
         (["velocity", "time"], "move slower and faster ("),
         (["temperature"], "repeat the same motion at different values of temperature, each held constant"),
-        ([], "go further, slowly ("),
+        ([], "move further, slowly ("),
         (["nothing that is known"], "move over a wider range"),
     ],
 )

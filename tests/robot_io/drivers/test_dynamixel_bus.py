@@ -173,7 +173,7 @@ def test_hardware_error_keeps_the_torque_off_until_a_reboot(active):
     active.tick(TORQUE_NM)
     assert "servo 2" in active.problem
     active.robot.deactivate()
-    with pytest.raises(DeviceError, match=r"servo 2: setting torque enable.*overload; it must be rebooted"):
+    with pytest.raises(DeviceError, match=r"servo 2: setting torque enable.*overload; to clear it"):
         active.robot.activate()
 
 
@@ -184,7 +184,7 @@ def test_servo_that_stays_off_silently_is_named_with_its_error(arm):
     write = servo.write
     servo.write = lambda address, data: 0 if address == table.TORQUE_ENABLE else write(address, data)
     arm.robot.configure()
-    with pytest.raises(DeviceError, match=r"servo 2: torque enable is 0 .*overload; it must be rebooted"):
+    with pytest.raises(DeviceError, match=r"servo 2: torque enable is 0 .*overload; to clear it"):
         arm.robot.activate()
 
 
