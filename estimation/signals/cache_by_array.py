@@ -42,25 +42,24 @@ def cache_by_array(compute: Function) -> Function:
     Args:
         compute: function whose arguments are arrays and numbers.
     """
-    # Keys contain the arrays' identities, which the results keep valid because they keep the arrays alive.
-    # Comparing identities takes far less time than comparing objects that wrap the arrays.
-    results, lock = OrderedDict[tuple[Hashable, ...], tuple[Any, tuple[Any, ...]]](), Lock()
+    # An entry keeps its arrays alive, so that their identities remain valid. Comparing identities takes far
+    # less time than comparing objects that wrap the arrays.
+    entry_of = lru_cache(maxsize=_MAX_RESULTS)(lambda *key: [])
 
     @wraps(compute)
     def lookup(*arguments: NDArray[Any] | float) -> Any:  # noqa: ANN401
-        key = tuple([id(each) if isinstance(each, np.ndarray) else each for each in arguments])
-        with lock:
-            if key in results:
-                results.move_to_end(key)
-                return results[key][0]
-        result = compute(*arguments)
-        arrays = [argument for argument in arguments if isinstance(argument, np.ndarray)]
-        if not any(array.flags.writeable or len(array) > _MAX_SAMPLES for array in arrays):
-            with lock:
-                results[key] = result, arguments
-                if len(results) > _MAX_RESULTS:
-                    results.popitem(last=False)
-        return result
+        key: list[Hashable] = []
+        for argument in arguments:
+            if not isinstance(argument, np.ndarray):
+                key.append(argument)
+            elif argument.flags.writeable or len(argument) > _MAX_SAMPLES:
+                return compute(*arguments)
+            else:
+                key.append(id(argument))
+        entry = entry_of(*key)
+        if not entry:
+            entry.append((compute(*arguments), arguments))
+        return entry[0][0]
 
     return cast("Function", lookup)
 

@@ -37,6 +37,9 @@ def test_results_are_cached_for_read_only_arrays():
     fixed.setflags(write=False)
     assert [total(one) for one in (mine, mine, fixed, fixed)] == [6.0] * 4
     assert len(asked) == 3
+    fixed.setflags(write=True)
+    fixed[0] = 4.0
+    assert total(fixed) == 10.0
     assert not any(one.flags.writeable for one in block_index(np.repeat([0, 1], 2)))
 
 

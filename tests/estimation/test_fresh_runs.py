@@ -13,6 +13,7 @@ from palpate.estimation.data.file_columns import FileColumns
 from palpate.estimation.data.import_file import import_table
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import table_of
+from palpate.estimation.effects import EFFECTS
 from palpate.estimation.effects.time_memory import RelaxationSpectrum
 from palpate.estimation.models import MODELS
 from palpate.estimation.signals.blocks import since_start
@@ -105,6 +106,19 @@ def test_samples_at_the_touch_of_a_recovering_surface_are_excluded():
     error = np.random.default_rng(5).normal(0.0, 3e-5, len(data))
     model = MODELS["kelvin_voigt"]().build(ModelContext())
     assert fit_base(replace(data, position=data.position + error), model).rmse < 1.1 * NOISE_N
+
+
+def test_damped_surface_recovers_to_the_surface_of_the_model():
+    data, model = session(64, damped_surface), MODELS["kelvin_voigt"]().build(ModelContext())
+    moved_model = model.with_effect(EFFECTS["contact_offset"]())
+    moved = replace(data, position=data.position - 2.0**-9)  # exact in binary
+    values = {"stiffness.k": K, "damping.c": K, "contact_offset.offset": -(2.0**-9)}
+    found, same = (
+        each.recovering(channel_data, values, each.parts(channel_data, values))
+        for each, channel_data in ((moved_model, moved), (model, data))
+    )
+    assert same.any()
+    assert np.mean(found != same) < 1e-3
 
 
 def test_damped_surface_recovers_by_the_elastic_law_of_the_object():

@@ -8,7 +8,13 @@ import pytest
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.effect import AdditiveEffect
 from palpate.estimation.effects import EFFECTS
-from palpate.estimation.fit.blocks import block_average, block_length, decimate, merge_blocks
+from palpate.estimation.fit.blocks import (
+    block_average,
+    block_length,
+    decimate,
+    exclude_boundaries,
+    merge_blocks,
+)
 from palpate.estimation.fit.fit_problem import FitProblem, columns_at, solve_gains
 from palpate.estimation.fit.normal_equations import WHITE
 from palpate.estimation.model import Model
@@ -273,6 +279,15 @@ def test_column_on_blocks_passes_through_motion_and_sensor_effects(names, parame
     np.testing.assert_allclose(columns, blocked.reduce(slopes), rtol=1e-9, atol=1e-12)
 
 
+def test_samples_on_both_sides_of_the_touch_of_a_recovering_surface_are_excluded():
+    data = press()
+    blocked = block_average(data)
+    deepest = int(np.argmax(blocked.reduce(data.position)))
+    recovering = np.arange(len(data)) <= blocked.rows[deepest, -1]
+    excluded = [exclude_boundaries(blocked, data, mask).trusted for mask in (None, recovering)]
+    np.testing.assert_array_equal(np.flatnonzero(excluded[0] & ~excluded[1]), [deepest, deepest + 1])
+
+
 def test_full_rate_columns_are_known_only_on_the_measured_motion():
     blocked = block_average(swings(1, runs=1))
     coulomb, inner = EFFECTS["coulomb_friction"](), {"coulomb_friction.transition": 0.01}
@@ -293,6 +308,18 @@ def test_full_rate_columns_follow_the_effects_that_move_the_surface():
     assert blocked.at_full_rate(model, stiffness, model.moved(data, near), near) is first
     np.testing.assert_allclose(first, model.columns(stiffness, model.moved(data, near), near))
     assert not np.allclose(first, other)
+
+
+def test_full_rate_columns_follow_the_load_that_bends_a_joint():
+    """The load depends on the model, and blocks with different loads share a cache."""
+    data, spring = swings(1, runs=1), EFFECTS["joint_spring"]()
+    model = Model("test", (spring, EFFECTS["joint_elasticity"]()))
+    inner = {"joint_elasticity.compliance": 0.01}
+    blocked = block_average(replace(data, context={"load": data.effort}))
+    for each in (blocked, replace(blocked, data=replace(data, context={"load": 9.0 * data.effort}))):
+        moved = model.moved(each.data, inner)
+        columns = each.at_full_rate(model, spring, moved, inner)
+        np.testing.assert_allclose(columns, model.columns(spring, moved, inner))
 
 
 def test_full_rate_columns_are_known_for_each_memory_that_relaxes_them():
