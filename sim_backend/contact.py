@@ -70,7 +70,7 @@ class ObjectResponse:
     def _find_surface(self, law: ObjectLaw, state: ContactState) -> tuple[ContactState, float]:
         """Return the motion of the tip, its depth at most 0 where it does not touch, and the force [N]."""
         before_m, was_touching = self._surface
-        if state.depth_m <= 0.0 and not (before_m or was_touching or self._material):  # free air, for speed
+        if state.depth_m <= 0.0 and not (before_m or self._material):  # free air, for speed
             self._tried_surface = 0.0, False
             return state, 0.0
 

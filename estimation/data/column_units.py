@@ -51,7 +51,7 @@ _MAX_RANGE = {  # largest plausible range in SI, and the likely unit of a larger
     "position": (4.0 * np.pi, "deg"),
     "goal": (4.0 * np.pi, "deg"),
 }
-_WITHOUT_UNIT = {"-"}  # text in brackets that states a ratio, as in "Strain (-)"
+_WITHOUT_UNIT = "-"  # text in brackets that states a ratio, as in "Strain (-)"
 _MAX_STRAIN = 2.0  # largest range of a strain without a unit that is read as a ratio
 _LARGE_UNITS = tuple(unit for _, unit in _MAX_RANGE.values())
 _MAX_CURRENT_A = 200.0  # largest plausible range of a current in A; a larger one is in mA
@@ -123,7 +123,7 @@ class ColumnUnits:
         guess = guess_column(column)  # knows names whose unit is specified, such as "rpm" and "millis"
         specified = guess.unit if guess.quantity == role.quantity else ""
         # A strain whose range is too large for most materials may be in percent.
-        is_unclear = role.unit == "strain" and unknown_unit(column) not in _WITHOUT_UNIT
+        is_unclear = role.unit == "strain" and unknown_unit(column) != _WITHOUT_UNIT
         is_unclear = is_unclear and self.table.varies(column)
         usual = "" if is_unclear and np.ptp(self.table.numbers(column)) > _MAX_STRAIN else role.unit
         stated = (self._named_unit(role), usual, specified)
@@ -392,4 +392,4 @@ def _fits_name(column: str, named_unit: str, unit: str) -> bool:
     if named_unit:
         return (dimension_of(named_unit), si_factor(named_unit)) == (dimension_of(unit), si_factor(unit))
     unknown = unknown_unit(column)
-    return unknown in {"", *_WITHOUT_UNIT} or normalize_unit(unknown.lower()) == unit
+    return unknown in {"", _WITHOUT_UNIT} or normalize_unit(unknown.lower()) == unit

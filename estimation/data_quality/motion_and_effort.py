@@ -216,8 +216,8 @@ def late_touch(data: ChannelData) -> str | None:
     """Report the depth at which the force begins if it is clearly below the surface; None otherwise.
 
     The force must stay within its noise over at least a fifth of the depth, where the force of a spring that
-    begins at the surface would exceed the noise. If it does not so in the first contact, the object had not
-    recovered when it was pressed again.
+    begins at the surface would exceed the noise. If it exceeds the noise there in the first contact, the
+    object had not recovered when it was pressed again.
 
     Args:
         data: the channel.

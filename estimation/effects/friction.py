@@ -11,7 +11,9 @@ from palpate.estimation.signals.motion import never_returns
 from palpate.robot_io.types import FloatArray
 
 TRANSITION = Parameter("transition", "{position}/s", 1e-9, 1e3, (1e-4, 0.05), log=True)
-_DRIVEN = 0.05  # largest work that a fitted friction supplies to the motion, relative to what it dissipates
+# Largest work that a fitted friction supplies to the motion, relative to what it dissipates; errors of the
+# fitted waves may cause as much.
+_DRIVEN = 0.05
 
 
 class CoulombFriction(AdditiveEffect):

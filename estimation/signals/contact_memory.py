@@ -5,12 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from palpate.estimation.channel import ChannelData
-from palpate.estimation.signals.blocks import (
-    block_index,
-    has_one_clock,
-    number_stretches,
-    runs_by_time,
-)
+from palpate.estimation.signals.blocks import block_index, has_one_clock, number_stretches, runs_by_time
 from palpate.estimation.signals.cache_by_array import cache_by_array, cache_by_channel_arrays
 from palpate.estimation.signals.exponential_memory import relax
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray

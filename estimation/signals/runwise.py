@@ -19,7 +19,9 @@ _WINDOW = 5  # samples over which a derivative is smoothed
 _UNEVENNESS = 0.01  # largest relative difference of steps in even sampling
 # Time in which a probing tip reverses at most once, and its largest share of the longest run.
 _JITTER_WINDOW_S, _JITTER_SHARE = 0.025, 0.01
-_FEW_CLAMPS, _PIECE_CLAMPS = 4000, 16  # clamps that are composed at once, and in one piece of more clamps
+# Clamps that are composed at once, and in one piece of more clamps; these numbers affect only the
+# computing time.
+_FEW_CLAMPS, _PIECE_CLAMPS = 4000, 16
 
 
 @cache_by_array
