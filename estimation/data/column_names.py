@@ -188,7 +188,7 @@ def _is_index(letters: str, stem: str, unit: str) -> bool:
     if letters.lower() not in _INDICES or letters == "N":
         return False
     last = words_of(stem)[-1:]
-    quantity = "torque" if CURRENT.issuperset(last) and last else _quantity_of(last)
+    quantity = _quantity_of(last) if CURRENT.isdisjoint(last) else "torque"
     if not quantity:
         is_symbol = len(stem) < _SHORTEST_WORD
         is_label = not _LABELED.isdisjoint(last) or (is_symbol and stem.isalpha())

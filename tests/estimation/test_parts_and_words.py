@@ -45,8 +45,8 @@ def test_files_with_one_column_each_are_joined(tmp_path):
         (["t", "theta_in", "tau_in"], ["time", "position", "torque"]),
         (["t", "q 1", "i 1"], ["time", "position", "torque"]),
         (["t", "hip_q", "hip_i", "knee_q", "knee_i"], ["time", *("position", "torque") * 2]),
-        (["t", "depth_mm", "P_g"], ["time", "displacement", ""]),  # a gauge pressure
-        (["t", "angle_deg", "Pressure_A", "F_A"], ["time", "position", "", ""]),  # of one of two chambers
+        (["t", "depth_mm", "P_g", "P_G"], ["time", "displacement", "", ""]),  # a gauge pressure
+        (["t", "angle_deg", "Pressure_A", "P_A", "F_A"], ["time", "position", "", "", ""]),  # of a chamber
         (["t", "theta_n", "v_a", "i_a"], ["time", "position", "", "torque"]),  # of an armature
         (["t", "depth_mm", "Acceleration (g)"], ["time", "displacement", ""]),
         (["T (°C)", "depth_mm", "load_N"], ["", "displacement", "force"]),
@@ -293,6 +293,7 @@ def test_columns_without_names_are_proposed_by_their_shape(tmp_path):
     assert message.endswith(
         f"as in --column displacement=COLUMN --column force=COLUMN; {several}; {interval}"
     )
+    assert interval not in refusal(tmp_path / "four.csv", columns={"time": "column 1"})
 
 
 @pytest.mark.parametrize("last", ["constant", "one empty cell"])

@@ -76,6 +76,10 @@ def test_prefix_is_read_by_its_letter_in_any_notation(form, unit, newtons):
         ("时间(秒)", "time", 1.0),
         ("Load..mN.", "force", 1e-3),  # as R writes "Load (mN)" and "v (mm/s)"
         ("v..mm.s.", "length_rate", 1e-3),
+        ("Compression_N", "force", 1.0),  # no indices
+        ("M1_A", "current", 1.0),
+        ("Scale_g", "force", 1e-3 * G),
+        ("1 m", "length", 1.0),
     ],
 )
 def test_machine_units_are_known(name, dimension, factor):

@@ -72,7 +72,11 @@ def test_second_touch_finds_the_branches_still_relaxing():
 @pytest.mark.parametrize(
     ("law", "entries", "free_m"),
     [
-        (KelvinVoigtLaw(stiffness_n_m=K, damping_n_s_m=100.0), [], lambda t: 0.01 * np.exp(-t / 0.2)),
+        (
+            KelvinVoigtLaw(stiffness_n_m=K, damping_n_s_m=100.0),
+            [hidden("dry_friction", friction_n=0.5, slip_m=1e-3)],
+            lambda t: 0.01 * np.exp(-t / 0.2),
+        ),
         (
             HuntCrossleyLaw(stiffness=7000.0, damping=7e5, exponent=1.5),
             [hidden("tool_compliance", compliance_m_n=1e-4)],
