@@ -159,6 +159,7 @@ def refusal(path):
         ("pos_1,pos_2,current_1", "--unit torque=0.001A, the value of one count"),
         ("position,load", "--unit position=0.001mm --unit force=0.001N, the value of one count"),
         ("position,load * 100", "--unit position=0.001mm --unit force=0.01N, the value of one count"),
+        ("angle * 100,current", "--unit position=0.01deg --column torque=current --unit torque=0.001A"),
     ],
 )
 def test_whole_numbers_are_asked_for_the_value_of_one_count(tmp_path, names, said):

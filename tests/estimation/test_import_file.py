@@ -475,13 +475,30 @@ def test_late_spring_of_a_linear_axis_is_no_reaction(tmp_path, sign, late_s):
     assert any("opposes" in note for note in imported.notes) is (sign < 0.0)
 
 
-def test_drive_that_slows_down_under_load_in_one_turn_is_no_reaction(tmp_path):
+@pytest.mark.parametrize(
+    ("torque", "is_reaction"),
+    [(lambda q, v: 2.0 + np.sin(3.0 * q), False), (lambda q, v: -v, True)],
+    ids=["drive that slows down under load", "reaction to viscous friction"],
+)
+def test_reaction_in_one_turn_does_negative_work(tmp_path, torque, is_reaction):
     q = np.linspace(0.0, 6.0, 2000)
     v = 1.0 - 0.5 * np.sin(3.0 * q)
-    time_s, load = np.cumsum(np.gradient(q) / v), 2.0 + np.sin(3.0 * q)
-    table = {"time_s": time_s, "position_rad": q, "torque_Nm": load}
+    table = {"time_s": np.cumsum(np.gradient(q) / v), "position_rad": q, "torque_Nm": torque(q, v)}
     imported = import_file(write_csv(tmp_path / "turn.csv", table))
-    assert not any("opposes" in note for note in imported.notes)
+    assert any("opposes" in note for note in imported.notes) is is_reaction
+
+
+@pytest.mark.parametrize(
+    ("names", "stiffness", "damping"),
+    [(("position_rad", "torque_Nm"), 3.0, 0.5), (("position_m", "force_N"), 0.05, 0.5)],
+    ids=["inverted weight", "weak spring of a linear axis"],
+)
+def test_reaction_may_grow_with_the_position(tmp_path, names, stiffness, damping):
+    t = np.arange(4000) * 0.005
+    q, v = 0.5 * np.sin(2.0 * t), np.cos(2.0 * t)
+    table = {"time_s": t, names[0]: q, names[1]: stiffness * np.sin(q) - damping * v}
+    imported = import_file(write_csv(tmp_path / "reaction.csv", table))
+    assert any("opposes" in note for note in imported.notes)
 
 
 def test_joint_with_a_clear_sign_decides_for_the_others(tmp_path):

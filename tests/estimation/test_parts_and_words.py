@@ -87,6 +87,7 @@ def test_a_current_is_not_preferred_to_a_torque_without_units(tmp_path):
             (90.0, 1.0),
             "--column displacement=strain --unit displacement=% --column force_N=",
         ),
+        ("strain,volume", (1.0, 1.0), "--unit displacement=strain --column force_N="),
         ("angle,goal angle", (90.0, 1.0), "--unit position=deg --unit goal=deg"),  # of one servo
         ("position_mm,torque [Nm],load1_N,load2_N", np.arange(4), "'load1_N' and 'load2_N' may hold force"),
         (
@@ -370,11 +371,13 @@ def test_aligned_columns_may_have_empty_cells_and_names_with_blanks(tmp_path):
     assert table.row_name(0) == "line 5"
 
 
-def test_unit_in_percent_may_end_a_row_of_units(tmp_path):
-    header = "Rec Time Depth Load Ratio\nNo s mm N %\n"
-    rows = "".join(f"{n} {0.1 * n:.3f} {n} {3 * n} {n}\n" for n in range(1, 20))
-    table = read_table(saved(tmp_path / "own.asc", header + rows))
-    assert table.names == ("Rec [No]", "Time [s]", "Depth [mm]", "Load [N]", "Ratio [%]")
+@pytest.mark.parametrize(("separator", "order"), [(" ", 1), (",", -1)])
+def test_unit_in_percent_may_end_or_begin_a_row_of_units(tmp_path, separator, order):
+    header = (("Rec", "Time", "Depth", "Load", "Ratio"), ("No", "s", "mm", "N", "%"))
+    rows = (*header, *((str(n), f"{0.1 * n:.3f}", str(n), str(3 * n), str(n)) for n in range(1, 20)))
+    path = saved(tmp_path / "own.asc", "".join(separator.join(row[::order]) + "\n" for row in rows))
+    names = ("Rec [No]", "Time [s]", "Depth [mm]", "Load [N]", "Ratio [%]")
+    assert read_table(path).names == names[::order]
 
 
 @pytest.mark.parametrize(
