@@ -24,7 +24,7 @@ from palpate.estimation.signals.motion import is_constant_in_runs
 from palpate.robot_io.types import FloatArray, IntArray
 
 MIN_RATIO = 1.25  # least ratio of a run's predicted error to its own error; smaller ratios are not tested
-_SAMPLES_PER_GAIN = 30  # samples per gain needed to fit a run alone
+_SAMPLES_PER_VALUE = 2  # least number of samples per fitted value in a run that is fitted alone
 
 
 @dataclass(frozen=True)
@@ -63,13 +63,13 @@ def run_heterogeneity(
     tested_rows: list[IntArray] = []
     for run_rows in rows_of_runs(data.run):
         rows = run_rows[np.isfinite(predicted[run_rows])]
-        if len(rows) < _SAMPLES_PER_GAIN * slopes.shape[1]:
-            predicted[rows] = np.nan  # too short to be fitted alone
-            continue
         scale = np.linalg.norm(slopes[rows], axis=0)
         columns = slopes[rows] / np.where(scale > 0.0, scale, 1.0)
-        fitted = np.linalg.lstsq(columns, residual[rows], rcond=None)[0]
-        inflation = len(rows) / (len(rows) - slopes.shape[1])
+        fitted, _, rank, _ = np.linalg.lstsq(columns, residual[rows], rcond=None)
+        if len(rows) < _SAMPLES_PER_VALUE * max(int(rank), 1):
+            predicted[rows] = np.nan  # too short to be fitted alone
+            continue
+        inflation = len(rows) / (len(rows) - int(rank))
         alone[rows] = (residual[rows] - columns @ fitted) * np.sqrt(inflation)
         tested_rows.append(rows)
     if len(tested_rows) < 2 or not rmse(predicted) > least * rmse(alone):

@@ -10,6 +10,7 @@ from palpate.estimation.diagnosis.result import Verdict
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_problem import solve_gains
 from palpate.estimation.fit.fit_result import fit_model
+from palpate.estimation.fit.measurement_noise import run_heterogeneity
 from palpate.estimation.model import Model
 from tests.estimation.contact_data import base_model
 from tests.estimation.contact_data import channel as pressed
@@ -52,6 +53,18 @@ def test_unseen_run_estimates_its_own_value(name, spread):
     assert told == pytest.approx(np.std(own[:30]), rel=0.15)
     whole = effect.values(plain, seen, inner, rows=np.ones(len(seen), dtype=np.bool_))
     assert np.corrcoef(whole[:, 0], own[:30])[0, 1] > 0.995
+
+
+@pytest.mark.parametrize("spread", [0.3, 0.0])
+def test_many_short_runs_show_whether_they_follow_one_law(spread):
+    gains = 1.0 + spread * np.random.default_rng(1).standard_normal(60)
+    run, depth = np.repeat(np.arange(60), 9), np.tile(np.linspace(0.001, 0.009, 9), 60)
+    force = 500.0 * gains[run] * depth + NOISE * np.random.default_rng(2).standard_normal(len(run))
+    data = pressed(force, depth, np.full(len(run), 0.001), np.arange(len(run)) + 10.0 * run, run=run)
+    end = fit_model(data, base_model("kelvin_voigt"), {})
+    found = run_heterogeneity(end.problem.blocked, end.solution)
+    assert (found is not None) is (spread > 0.0)
+    assert found is None or found.alone == pytest.approx(NOISE, rel=0.1)
 
 
 @pytest.mark.parametrize("start", [2.0, 9.0])
