@@ -111,8 +111,8 @@ def recovery(data: ChannelData) -> tuple[bool, float]:
         if may_recover and improves(recovered, _RECOVERED_RATIO):
             return True, 1.0
         ratio = _free_surface_ratio(continued, hardening, fits[0], fits[2])
-        # A free surface is the physical case and adds no parameter, so any improvement is enough here.
-        is_free = ratio != 1.0 and improves(replace(continued, recovery_ratio=ratio), 1.0)
+        # A free surface is the physical case and adds no parameter, so any clear improvement is enough here.
+        is_free = ratio != 1.0 and improves(replace(continued, recovery_ratio=ratio), 1.0 / _WORSE_RATIO)
         return False, ratio if is_free else 1.0
 
 
