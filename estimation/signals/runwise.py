@@ -209,7 +209,7 @@ def _apply_clamps(low: FloatArray, high: FloatArray) -> FloatArray:
     if len(low) <= _FEW_CLAMPS:
         low, high, span = low.copy(), high.copy(), 1
         # Each iteration composes over twice as many clamps, until all of them are constant.
-        while span < len(low) and np.any(low[span:] < high[span:]):
+        while np.any(low[span:] < high[span:]):
             least, most = low[span:], high[span:]
             low[span:], high[span:] = (
                 np.minimum(np.maximum(bound[:-span], least), most) for bound in (low, high)

@@ -1,6 +1,7 @@
 """One form for all registered effects."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -162,3 +163,14 @@ def test_presliding_shorter_than_an_encoder_step_is_identified(monkeypatch):
     found = diagnose(data, loose, tried, rng=np.random.default_rng(1)).channels[0]
     assert [entry.effect for entry in found.accepted] == ["presliding_friction"]
     assert found.accepted[0].parameters["force"].value == pytest.approx(0.3, rel=0.1)
+
+
+def test_wider_forms_of_joint_elasticity_smooth_its_load_more():
+    data = swings(1, runs=1)
+    data = replace(data, context={"load": np.sin(3.0 * data.time_s)})
+    forms = EFFECTS["joint_elasticity"]().forms()
+    changes = [
+        np.std(form.move(data, {"compliance": 1.0}).acceleration - data.acceleration) for form in forms
+    ]
+    assert len(forms) > 1
+    assert np.all(np.diff(changes) < 0.0)

@@ -225,6 +225,12 @@ def test_shift_keeps_the_shape_of_a_signal_without_columns(uneven):
     assert shift(np.empty((len(TIME), 0)), time_s, ONE_RUN, 0.105).shape == (len(TIME), 0)
 
 
+@pytest.mark.parametrize(("delay_s", "held"), [(1e3, 0), (-1e3, -1)])
+def test_shift_by_more_than_the_run_holds_its_end(delay_s, held):
+    signal = np.sin(TIME)
+    np.testing.assert_array_equal(shift(signal, TIME, ONE_RUN, delay_s), signal[held])
+
+
 def test_shift_follows_times_changed_in_place():
     time_s = np.cumsum(0.01 + 0.003 * (np.arange(1000) % 2))
     signal = np.sin(time_s)
