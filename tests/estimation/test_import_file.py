@@ -495,7 +495,7 @@ def test_reaction_in_one_turn_does_negative_work(tmp_path, torque, is_reaction):
 )
 def test_reaction_may_grow_with_the_position(tmp_path, names, stiffness, damping):
     t = np.arange(4000) * 0.005
-    q, v = 0.5 * np.sin(2.0 * t), np.cos(2.0 * t)
+    q, v = 0.3 * np.sin(2.0 * t) + 0.1 * np.sin(5.0 * t), 0.6 * np.cos(2.0 * t) + 0.5 * np.cos(5.0 * t)
     table = {"time_s": t, names[0]: q, names[1]: stiffness * np.sin(q) - damping * v}
     imported = import_file(write_csv(tmp_path / "reaction.csv", table))
     assert any("opposes" in note for note in imported.notes)
