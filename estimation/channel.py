@@ -191,6 +191,9 @@ class ChannelData:
     # Rate at which an object recovers in free air, relative to its relaxation at constant depth. A free
     # surface moves while the object recovers, which makes the recovery slower; 1 if it does not move.
     recovery_ratio: float = field(default=1.0, compare=False)
+    # Whether the free surface of a damped object recovers with c / k before the tip touches it again, see
+    # `above_free_surface`. Otherwise it recovers at once.
+    surface_recovers: bool = field(default=False, compare=False)
     # Units of the columns in the file, by quantity, such as {"displacement": "mm"}, or None if files differ.
     # Empty if unknown. The arrays are in SI units. Messages use these, and they show what was recorded.
     units: Mapping[str, str | None] = field(default_factory=dict, compare=False)

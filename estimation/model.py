@@ -263,7 +263,7 @@ class Model:
             parts: result of `parts` for the same data and inner parameters.
         """
         pushing, damping = self._pushing(parameters, parts), parameters.get("damping.c", 0.0)
-        if data.kind is not ChannelKind.CONTACT or damping <= 0.0 or pushing.min(initial=0.0) >= 0.0:
+        if not data.surface_recovers or damping <= 0.0 or pushing.min(initial=0.0) >= 0.0:
             return np.zeros(len(data), dtype=np.bool_)
         elastic = pushing - damping * parts[0][:, list(self.gains).index("damping.c")]
         return above_free_surface(pushing, elastic, damping, self.moved(data, parameters))

@@ -15,7 +15,7 @@ from palpate.estimation.fit.blocks import LUMPED_GAINS
 from palpate.estimation.fit.measurement_model import is_acceleration_resolved
 from palpate.estimation.model import Model
 from palpate.estimation.models import MODELS
-from palpate.estimation.study.fitting import recovery
+from palpate.estimation.study.fitting import recovery, surface_recovers
 from palpate.estimation.study.source import DataSource
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
@@ -62,6 +62,7 @@ class StudyChannel:
         data = self.prepare()
         if data.recovers is not None:
             return data
+        data = replace(data, surface_recovers=surface_recovers(self._without_held_out(data)))
         recovers, ratio = recovery(self._without_held_out(data))
         return replace(data, recovers=recovers, recovery_ratio=ratio)
 

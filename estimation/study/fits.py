@@ -40,6 +40,9 @@ from palpate.robot_io.errors import InputError
 
 _FitKey = tuple[ChannelKey, tuple[str, ...]]  # a channel with its base model, and the added effects
 _RECOVERS = "the object has recovered when each run begins, because the data then fit better"
+_SURFACE_RECOVERS = (
+    "the damped surface recovers with c / k before it is touched again, since the data then fit better"
+)
 _RECOVERS_SLOWLY = (
     "between contacts the object recovers at {0:.2g} times the rate at which it relaxes in contact, "
     "because its surface moves freely; the data then fit better"
@@ -107,6 +110,8 @@ class StudyFits(TableDisplay):
         """How the measurement was read and is treated, in sentences."""
         notes = [*self.source.notes]
         for contact in (each for each in self.channels if each.kind is ChannelKind.CONTACT):
+            if contact.data.surface_recovers:
+                notes.append(f"{contact.name}: {_SURFACE_RECOVERS}")
             if contact.data.recovers:
                 notes.append(f"{contact.name}: {_RECOVERS}")
             elif contact.data.recovery_ratio != 1.0:

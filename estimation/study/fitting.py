@@ -64,6 +64,25 @@ _SMALLEST_RATIO = 0.01
 _FIRST_RATIO = 0.5  # from which the search starts, and with which an object is tested for relaxation
 
 
+def surface_recovers(data: ChannelData) -> bool:
+    """Return whether the surface of a damped object is taken to recover before the tip touches it again.
+
+    It is if a cubic spring with a damper then predicts held-out runs better, from one run to the next or
+    within each run.
+
+    Args:
+        data: a channel; the result is False for joints.
+    """
+    if data.kind is not ChannelKind.CONTACT or reject_reason(data):
+        return False
+    model = MODELS["kelvin_voigt"]().build(ModelContext(surface_found=data.surface is not None))
+    hardening, good = model.with_effect(CubicStiffness()), usable(data)
+    free = (replace(data, surface_recovers=True, recovers=recovers) for recovers in (False, True))
+    with single_threaded():
+        at_once, *errors = (fit_model(each, hardening, {}, good).rmse for each in (data, *free))
+    return min(errors) < _RECOVERED_RATIO * at_once
+
+
 def recovery(data: ChannelData) -> tuple[bool, float]:
     """Return whether an object has recovered when each run begins, and how fast it recovers if it relaxes.
 

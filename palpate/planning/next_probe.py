@@ -311,7 +311,12 @@ def _motion(
     if planned is None or (is_new_location and planned.kind is ChannelKind.CONTACT):
         return None
     prepared = channel_of(planned, question.channel.model.name, study.source.arm).prepare()
-    return replace(prepared, recovers=data.recovers, recovery_ratio=data.recovery_ratio)
+    return replace(
+        prepared,
+        recovers=data.recovers,
+        recovery_ratio=data.recovery_ratio,
+        surface_recovers=data.surface_recovers,
+    )
 
 
 def _rehearsal(study: ModelStudy, session: Session) -> tuple[ProbingPlan, PlanSimulation] | None:
