@@ -3,8 +3,6 @@
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from scipy.optimize import brentq
-
 from palpate.sim_backend.contact_laws import ObjectLaw
 from palpate.sim_backend.contact_laws.standard import EngineContact
 from palpate.sim_backend.engines import Engine
@@ -88,6 +86,8 @@ class ObjectResponse:
                 return state, force_n
         surface_m = max(depth_m, _RECOVERED_M)
         if before_m > surface_m and moved_n(surface_m) < 0.0 <= moved_n(before_m):
+            from scipy.optimize import brentq  # noqa: PLC0415, slow to load, and seldom needed
+
             surface_m = brentq(moved_n, surface_m, before_m, xtol=1e-3 * _RECOVERED_M)
         if surface_m <= _RECOVERED_M:
             surface_m = 0.0

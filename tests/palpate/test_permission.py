@@ -93,7 +93,7 @@ def test_pose_is_read_after_confirmation(monkeypatch, capsys):
     ask_for_pose([0.1, 1.25, -0.3], yes=False)
     assert "0.1, 1.25, -0.3 rad" in capsys.readouterr().err
     types(monkeypatch, "")
-    with pytest.raises(InputError, match="nothing was read"):
+    with pytest.raises(InputError, match="the pose is not confirmed"):
         ask_for_pose([0.1], yes=False)
 
 
