@@ -262,9 +262,10 @@ class Model:
             parameters: a value for every gain and inner parameter.
             parts: result of `parts` for the same data and inner parameters.
         """
-        pushing, damping = self._pushing(parameters, parts), parameters.get("damping.c", 0.0)
-        if not data.surface_recovers or damping <= 0.0 or pushing.min(initial=0.0) >= 0.0:
+        damping = parameters.get("damping.c", 0.0)
+        if not data.surface_recovers or damping <= 0.0:
             return np.zeros(len(data), dtype=np.bool_)
+        pushing = self._pushing(parameters, parts)
         elastic = pushing - damping * parts[0][:, list(self.gains).index("damping.c")]
         return above_free_surface(pushing, elastic, damping, self.moved(data, parameters))
 

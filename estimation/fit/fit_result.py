@@ -302,10 +302,11 @@ def fit_problem(blocks: BlockedData, model: Model, parameters: Mapping[str, floa
     if data is not blocks.data:
         blocks = replace(blocks, data=data)
     if data.kind is ChannelKind.CONTACT:
-        values = {**dict.fromkeys(model.gains, 0.0), **parameters}
-        recovering = model.recovering(data, values, model.parts(data, values, blocks.at_full_rate))
-        moved = model.moved(data, parameters)
-        if moved is not data or recovering.any():
+        moved, recovering = model.moved(data, parameters), None
+        if data.surface_recovers:
+            values = {**dict.fromkeys(model.gains, 0.0), **parameters}
+            recovering = model.recovering(data, values, model.parts(data, values, blocks.at_full_rate))
+        if moved is not data or recovering is not None:
             inside = exclude_boundaries(blocks, moved, recovering)
             if inside.trusted.sum() > _MIN_KEPT * blocks.trusted.sum():
                 blocks = inside
