@@ -34,7 +34,14 @@ def test_mock_robot_is_probed_through_the_interfaces_alone():
 
 @pytest.mark.parametrize(
     ("name", "stiffness", "damping", "speed_m_s"),
-    [("follower", 100.0, 0.0, 0.15), ("leader", 7100.0, 100.0, 0.05), ("follower", 10_000.0, 200.0, 0.05)],
+    [
+        *[
+            ("follower", 100.0, 0.0, 0.15),
+            ("leader", 7100.0, 100.0, 0.05),
+            ("follower", 10_000.0, 200.0, 0.05),
+        ],
+        *[("follower", 100.0, 200.0, 0.15), ("leader", 2000.0, 200.0, 0.15)],
+    ],
 )
 def test_simulated_arms_keep_the_force_limit_and_return_home_to_rest(name, stiffness, damping, speed_m_s):
     plan = ProbingPlan(speeds_m_s=(speed_m_s,), hold_s=0.5)
@@ -47,6 +54,8 @@ def test_simulated_arms_keep_the_force_limit_and_return_home_to_rest(name, stiff
     assert arm.task.failures == ()
     log, (time_s, _, force_n, _) = arm.log, arm.truth.T
     assert force_n[time_s >= time_s[force_n > 0.0][0] + 0.020].max() <= 10.5
+    pressed_s = log.column("time_s")[np.isin(log.column("phase"), (Phase.LOADING, Phase.HOLD))]
+    assert force_n[(time_s > pressed_s[0]) & (time_s < pressed_s[-1])].min() > 0.0  # contact is never lost
     held_s = log.column("time_s")[log.column("phase") == Phase.HOLD][-200:]
     held = (time_s > held_s[0]) & (time_s < held_s[-1])
     assert force_n[held] == pytest.approx(10.0, abs=0.2)
