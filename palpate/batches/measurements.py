@@ -172,8 +172,8 @@ def _listed(place: str) -> dict[Path, dict[str, str]]:
         files = data_files(path)
         if not files:
             raise InputError(
-                f"{place}: no session or data file in it ({', '.join(ENDINGS)}); name those of subfolders by "
-                f"a pattern in quotes, such as '{place}/*/*.csv'"
+                f"{place}: no session or data file in it ({', '.join(ENDINGS)}); for files in subfolders, "
+                f"give a pattern in quotes, such as '{place}/*/*.csv'"
             )
     elif path.exists() or not glob.has_magic(place):
         files = [existing_file(path, "session or data file")]

@@ -79,7 +79,8 @@ def write_page(batch: BatchResult) -> None:
         value = f"{significant(entry.value)} {entry.unit}"
         outliers.append((place, entry.parameter, value, f"{entry.z:+.1f}", report))
     about_outliers = (
-        "Values so far from the median of their group that 1 % of normally distributed groups contain one. "
+        "Values so far from the median of their group that only 1 % of normally distributed groups of this "
+        "size contain such a value. "
         "z is relative to the median absolute deviation (times 1.48) and the value's standard error.",
     )
     errors = list(batch.errors.items())[:_MOST_ROWS]
@@ -143,7 +144,7 @@ def write_trend(path: Path, tested: Sequence[tuple[Series, Sequence[TrendChange]
         words = tuple(f"{change.kind}, p = {change.p_value:.2g}" for change in changes)
         if series.left_out:
             far = ", ".join(f"{value:.3g}" for _, value in series.left_out)
-            words += (f"left out, far from their neighbors: {far}",)
+            words += (f"left out because they are far from their neighbors: {far}",)
         sections.append(PageSection(title, figure=as_html(styled(figure, 260)), words=words))
     changing = sum(bool(changes) for _, changes in tested)
     facts = {"series": str(len(tested)), "that change": str(changing)}
@@ -198,7 +199,7 @@ def _overview(batch: BatchResult) -> PageSection:
         return PageSection("Error over noise", (*first, error), errors, words=words)
     columns = (*first, "verdicts", error, "mean budget", "effects named")
     words = ("A measurement whose error shows no missing effect has no budget and counts with zero shares.",)
-    return PageSection("What is missing where", columns, lines, as_html(figure) if any(bars) else None, words)
+    return PageSection("Missing effects", columns, lines, as_html(figure) if any(bars) else None, words)
 
 
 def _distributions(batch: BatchResult) -> PageSection:
@@ -267,8 +268,8 @@ _COMMON: _EntryTable = (
         "p corrected": lambda entry: format_computed_p_value(entry.p_value),
         "gains as much": lambda entry: ", ".join(entry.confused_with),
     },
-    "Evidence of all measurements together: mean gain in logarithmic score on held-out runs, one effect "
-    "after the other. In each step, the probability of naming an effect if none is missing is at most 1 %.",
+    "Evidence of all measurements together: mean gain in logarithmic score on held-out runs when effects are "
+    "added one after the other. If no effect is missing, a step names one with a probability of at most 1 %.",
 )
 _POOLED: _EntryTable = (
     "Pooled model, and how much measurements differ",
@@ -304,7 +305,7 @@ _SHARED: _EntryTable = (
         "p": lambda entry: format_computed_p_value(entry.p_corrected),
     },
     "p: probability that estimates differ this much if they share one value (Cochran's Q, corrected by "
-    "Holm). Below 0.01, no shared value is given.",
+    "Holm). No shared value is given if p is below 0.01.",
 )
 _DIFFERENCES: _EntryTable = (
     "Do groups differ?",

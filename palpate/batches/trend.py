@@ -101,8 +101,8 @@ def time_axis(table: pa.Table, field: str | None = None) -> tuple[FloatArray, li
                     )
                 if len(set(known)) == 1 and (several := len(set(measurement))) >= LEAST:
                     raise InputError(
-                        f"column {name}: all {several} measurements have {labels[0]}, which gives no order "
-                        "in time; choose another column with --date"
+                        f"column {name}: all {several} measurements have the same value, {labels[0]}, so "
+                        "they have no order in time; choose another column with --date"
                     )
                 return np.array(known), labels, what
             if known:

@@ -44,7 +44,7 @@ _SHARE = "Effect whose parameters are assumed equal in all channels of a group; 
 _OUT = "Output folder; an interrupted batch in it is continued."
 _DIAGNOSE = "Also find out which effects are missing (takes longer)."
 _GROUP = "Compare groups of measurements by this field."
-_REPORTS = "Number of outliers for which to write a report; the page links to it."
+_REPORTS = "Number of outliers to write reports for; the page links to the reports."
 
 
 @options.with_options(BatchArguments, "data")
@@ -74,7 +74,7 @@ def batch_command(
 
     Each file is a measurement; --join combines several files into one, --split divides a file into
     several. With --diagnose, finds missing effects too. A file that cannot be read becomes a row with the
-    reason; exit code 2 if no file can be read. After an interruption, the same command continues.
+    reason; exit code 2 if no file can be read. To continue after an interruption, run the same command again.
 
     Examples:
       palpate batch recordings --out result
@@ -118,8 +118,8 @@ def batch_command(
     except (KeyboardInterrupt, SystemExit):
         if counted[1]:
             console.stderr().print(
-                f"{counted[0]} of {counted[1]} measurements are done and in {display_path(out)}; "
-                "the same command continues from there"
+                f"{counted[0]} of {counted[1]} measurements are done and saved in {display_path(out)}; "
+                "run the same command again to continue"
             )
         raise
     if len(result.errors) == result.measurements:
@@ -193,7 +193,7 @@ def _warnings(table: "pa.Table") -> Iterator[str]:
         has = "has" if number == 1 else "have"
         yield (
             f"{count(number, 'measurement')} {has} the same content as another ({', '.join(copies[0][:2])}); "
-            "means and tests count both"
+            "means and tests count each copy"
         )
     names = (texts(table, name) for name in ("channel", "model", "verdict", "fits"))
     judged: dict[tuple[str, str], list[tuple[bool, float]]] = {}
@@ -207,7 +207,7 @@ def _warnings(table: "pa.Table") -> Iterator[str]:
             reach = f"errors reach {largest:.3g} times the noise, and " if isfinite(largest) else ""
             yield (
                 f"{model} does not fit {channel} in {len(missed)} of {count(len(every), 'measurement')}: "
-                f"{reach}its parameters may be biased; --diagnose says which effect is missing"
+                f"{reach}its parameters may be biased; add --diagnose to find the missing effect"
             )
 
 

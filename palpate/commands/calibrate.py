@@ -130,27 +130,27 @@ def force(
                 above = most - fit.zero.value
                 shown_n = above * (fit.scale.value + above * (fit.curvature.value if fit.curvature else 0.0))
                 remarks[-1] += (
-                    f"; the sensor never shows more than {shown_n:.3g} N: set limits.force_n below that, or "
-                    "use a sensor with a larger range"
+                    f"; the sensor never shows more than {shown_n:.3g} N, so set limits.force_n below that, "
+                    "or use a sensor with a larger range"
                 )
         if fit.drift_n is not None:
             remarks.append(
-                f"the reading drifts by {fit.drift_n.value:+.2g} N during the record; the zero applies to "
-                "its middle, and the uncertainty covers start and end: let the sensor warm up"
+                f"the reading drifts by {fit.drift_n.value:+.2g} N during the record. The zero holds for the "
+                "middle of the record, and its uncertainty covers the drift. Let the sensor warm up"
             )
         if fit.unsettled_n:
             remarks.append(
-                "within the plateaus, the reading still moves in the direction of the last step; up to "
-                f"{2 * fit.unsettled_n:.2g} N of the hysteresis may be slow settling: wait longer"
+                "the reading is still settling within the plateaus, so up to "
+                f"{2 * fit.unsettled_n:.2g} N of the hysteresis may be slow settling; wait longer"
             )
         if fit.plateaus.glitches:
-            remarks.append(f"{fit.plateaus.glitches} samples were left out as glitches of the converter")
+            remarks.append(f"{fit.plateaus.glitches} samples were left out as glitches of the A/D converter")
         if fit.suspect is not None:
             force_n, off_n = fit.plateaus.reference_n[fit.suspect], fit.residual_n[fit.suspect]
             number = np.flatnonzero(fit.is_used)[fit.suspect] + 1
             remarks.append(
-                f"plateau {number} ({force_n:.4g} N) is {off_n:+.2g} N off, unlike the others: "
-                "was it the right weight?"
+                f"plateau {number} ({force_n:.4g} N) is {off_n:+.2g} N off, unlike the others; "
+                "was this the right weight?"
             )
         calibration = fits.make_calibration(
             "force", fit, robot_file, raw, options.valid_days, reading_unit=unit
@@ -180,9 +180,11 @@ def encoder(
     """Calibrate the zeros of the encoders, against hard stops (slowly, at low torque) or in a known pose."""
     robot_file, stops_stated = options.robot_file, lower_stops is not None or upper_stops is not None
     if pose is not None and stops_stated:
-        raise InputError("--pose: the arm does not move to its stops; leave out --lower-stops, --upper-stops")
+        raise InputError(
+            "--pose: the arm does not move to its stops, so leave out --lower-stops and --upper-stops"
+        )
     if options.from_ is not None and stops_stated:
-        raise InputError("--from: that session holds its stops; leave out --lower-stops, --upper-stops")
+        raise InputError("--from: the session states the stops, so leave out --lower-stops and --upper-stops")
     pose_rad = None
     if pose is not None:
         pose_rad = parse_joint_angles("--pose", pose, robot_file)
@@ -266,7 +268,7 @@ def _move_in_free_air(kind: str, options: MotionOptions) -> None:
 def _accepted(implausible: list[str], options: CalibrateOptions) -> list[str]:
     """Return the reasons against a calibration if the user accepts them; raise `InputError` otherwise."""
     if implausible and not options.accept_implausible:
-        raise InputError(f"{'; '.join(implausible)}; --accept-implausible writes it nevertheless")
+        raise InputError(f"{'; '.join(implausible)}; add --accept-implausible to write it nevertheless")
     return [f"implausible: {reason}" for reason in implausible]
 
 

@@ -101,7 +101,7 @@ def compare_command(data: CompareOptions) -> None:
     data.refuse_idle_force(data.out, force=data.force)
     named = {"--model": data.model, "--other-model": data.other_model, "--channel": data.channel}
     if (data.revision or data.other_revision) and (given := [name for name, value in named.items() if value]):
-        raise InputError(f"--revision sets channel and model: leave out {given[0]}")
+        raise InputError(f"--revision sets channel and model, so leave out {given[0]}")
     if data.other is not None or data.other_model is not None or data.other_revision:
         _compare_pair(data)
         return
@@ -143,8 +143,8 @@ def compare_command(data: CompareOptions) -> None:
     else:
         print_comparison(console.stdout(), [result_view(each, with_parameters=False) for each in results])
         of_other_data = (
-            f"revision {item.number} was saved with an error of {with_unit(item.rmse, item.effort_unit)}: "
-            "it was made from other rows or with other import options"
+            f"revision {item.number} was fitted to other rows or with other import options; its saved error "
+            f"is {with_unit(item.rmse, item.effort_unit)}"
             for item in saved_revisions
             if study.channel_of(item).sha256 != item.data_sha256
         )
@@ -235,7 +235,7 @@ def _next_steps(
         own = list(dict.fromkeys([*(data.effect or ()), *user_effects_of(newest)]))
         numbers = [revision.number for revision in newest]
         since = data.command_text(revision=numbers, folder=data.folder, effect=own)
-        yield f"palpate compare {since}", "with the effects added since"
+        yield f"palpate compare {since}", "the model with the effects added since"
     elif data.model is None and data.urdf is None:
         for result in results:  # suggest a far better base model if the usual one does not fit
             better = far_better_model(study, result.channel, result.comparison)

@@ -136,7 +136,7 @@ def demo_command(
         return
     if hidden is not None:
         _print_hidden(hidden)
-    own_arm = "your own arm, before it gets power (docs/how-to/hardware.md)"
+    own_arm = "check your own arm before it gets power (docs/how-to/hardware.md)"
     steps = [
         (f"palpate inspect {shell_path(session)}", "see arm, forces and estimates in Rerun"),
         ("palpate doctor --robot ARM.yaml", own_arm),

@@ -175,7 +175,8 @@ def _next_steps(
         channel.verdict is Verdict.UNEXPLAINED or channel.complete is False for channel in diagnosis.channels
     ):
         for name in study.source.unused[:MOST_ASKED]:
-            yield f"palpate diagnose {again} --context {as_shell_word(name)}", f"whether it depends on {name}"
+            with_signal = f"palpate diagnose {again} --context {as_shell_word(name)}"
+            yield with_signal, f"whether the error depends on {name}"
         own_effect = "try an effect that you write (docs/reference/effects.md)"
         yield f"palpate diagnose {again} --effect FILE.py:CLASS", own_effect
     if all(study.refusal(study.channel(channel.channel)) for channel in diagnosis.channels):

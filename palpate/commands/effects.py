@@ -35,7 +35,7 @@ def effects_command(
             raise InputError(f"--on {on}: name an effect to draw")
         steps = [
             ("palpate effects NAME", "one effect in full, with a drawing"),
-            ("palpate diagnose FILE", "find which of them a measurement shows"),
+            ("palpate diagnose FILE", "find which of these effects a measurement shows"),
         ]
         content = {"effects": list(map(as_data, library()))}
         console.present(content, lambda: print_library(console.stdout(), library()), steps, as_json=as_json)

@@ -135,7 +135,7 @@ def export_command(data: ExportOptions) -> None:
     if form is not Format.SCENARIO and (stream or layout):
         given.append(f"--format {form}")
     if len(given) > 1:
-        raise InputError(f"{' and '.join(given)}: one file is written; choose one of them")
+        raise InputError(f"{' and '.join(given)}: only one file is written; give only one of these options")
     if layout is not None:
         text = layout_of(session := open_session(data.file), layout)
         path = data.writable(derived_folder(data.file) / f"{layout}{LAYOUT_ENDINGS[layout]}")
@@ -143,7 +143,7 @@ def export_command(data: ExportOptions) -> None:
         advice = f"open {display_path(data.file)} in {PROGRAMS[layout]}, and then this layout"
         streams = [session.samples(name).stream for name in session.stream_names]
         if long := [each for each in streams if each.batch > 1]:
-            advice += f"; it shows every {long[0].batch}th sample (palpate inspect draws the peaks of all)"
+            advice += f"; it shows only every {long[0].batch}th sample (palpate inspect shows all peaks)"
         line = f"layout  [bold]{display_path(path)}[/bold]"
         made = _Export({"layout": path, "program": layout}, [line], advice=advice)
     elif stream is not None:
@@ -198,7 +198,7 @@ def _export_scenario(data: ExportOptions, study: "Study", usual: Path) -> _Expor
         try:
             comparison = study.comparison(study.channel_of(item), study.revision(item.number).effects)
         except InputError as error:  # for example, the code of a user's own effect was not given
-            console.warn(f"{item.channel}: it was not checked whether the model fits: {error}")
+            console.warn(f"{item.channel}: cannot check whether the model fits: {error}")
             continue
         if not comparison.fits:
             console.warn(
@@ -255,7 +255,7 @@ def _warn_of_base_models(study: "Study", channels: Sequence["StudyChannel"]) -> 
             finding = f"the diagnosis finds {channel.name} adequate"
         else:
             finding = f"the diagnosis of {channel.name} names no effect to add"
-        console.warn(f"{finding}: the base model is exported", advice)
+        console.warn(f"{finding}, so the base model is exported", advice)
 
 
 _FORCE = "Replace the file even if palpate did not write it."

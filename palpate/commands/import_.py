@@ -72,7 +72,7 @@ def import_command(
         tables += inside
     if look:
         if out is not None:
-            raise InputError("--look stores nothing: leave out --out")
+            raise InputError("--look stores nothing, so leave out --out")
         if as_json:
             facts = []
             for table in read_tables(tables, options.options):

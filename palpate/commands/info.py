@@ -29,7 +29,7 @@ def info_command(
     out = console.stdout()
     out.print(f"[bold]{display_path(opened.path)}[/bold]")
     merged = data["extra"].get(NOT_WHOLE, "")
-    killed = "the program was killed before it closed the file, which holds everything logged until then"
+    killed = "the program was killed before it closed the file; the file holds everything logged until then"
     lacking = [
         reason
         for applies, reason in (

@@ -43,7 +43,7 @@ def inspect_command(  # noqa: PLR0917, one parameter an option
 
         merged = merge_sessions(opened, files.open_session(other))
     elif LINK in opened.stream_names and TICK not in opened.stream_names:
-        raise InputError(f"{session}: is a leader's session: give its follower's session as well")
+        raise InputError(f"{session}: is a leader's session; give its follower's session as well")
     for output in (save, screenshot):
         if output is not None:
             files.output_file(output, force=force, keep=[session, *filter(None, [other])])
@@ -59,7 +59,7 @@ def inspect_command(  # noqa: PLR0917, one parameter an option
         moment_s = inspection.record(recording)
     else:
         if plots is not None:
-            raise InputError("--plots is for one session: use palpate inspect FOLLOWER --plots FOLDER")
+            raise InputError("--plots takes only one session; use palpate inspect FOLLOWER --plots FOLDER")
         from palpate.teleop.recording import record_both  # noqa: PLC0415, as above
 
         moment_s = record_both(merged, recording)

@@ -129,8 +129,8 @@ def _print(outcome: ProbingOutcome, planned: int) -> None:
         out.print(f"  [yellow]{safe(loop.one_line())}[/yellow]")
     if stuck := loop.outcome is Outcome.TRIPPED and loop.ticks == 0:
         out.print(
-            "  nothing has moved: correct the failure above (move a joint inside its limits by hand, without "
-            "power), and start again"
+            "  nothing has moved. Correct the failure above (bring a joint outside its limits back by hand, "
+            "without power), and start again"
         )
     session = shell_path(outcome.session)
     console.say(f"written: [bold]{display_path(outcome.session)}[/bold]")
@@ -174,7 +174,7 @@ def replay_command(
     runs = len(np.unique(references.run[references.run >= 0]))
     motion = (
         f"'{robot_file.name}' will move: it repeats {count(runs, 'run')} of {session.name}, "
-        f"{duration(references.duration_s)}; its guard stops it beyond {robot_file.limits.force_n:g} N."
+        f"{duration(references.duration_s)}. The guard stops the arm beyond {robot_file.limits.force_n:g} N."
     )
     job = ReplayJob(
         robot_file, file, recorded, permission=lambda: ask_for_power(motion, yes=yes), **options.job

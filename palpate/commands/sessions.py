@@ -107,7 +107,7 @@ def reveal_command(
     def show() -> None:
         if not answer.hidden:
             name = display_path(session)
-            console.say(f"{name} has no hidden effects; only palpate probe --hidden hides some")
+            console.say(f"{name} has no hidden effects; only palpate probe --hidden hides effects")
             return
         table = console.table(
             f"Hidden in {display_path(session)}", "effect", "shows in", "parameters", "physics"
@@ -180,7 +180,7 @@ def _is_incomplete(session: Session) -> bool:
 def _merge_notes(sessions: Sequence[Session]) -> list[str]:
     """Name incomplete sessions, and contacts that begin at another depth than in the first session."""
     notes = [
-        f"{session.path.name}: is incomplete (palpate info says why); the part that exists was merged"
+        f"{session.path.name}: is incomplete (palpate info says why); only its recorded part was merged"
         for session in sessions
         if _is_incomplete(session)
     ]

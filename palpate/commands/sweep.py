@@ -38,7 +38,7 @@ def sweep_command(
 ) -> None:
     """Probe many simulated objects, estimate with every method, and write figures, tables and a web page.
 
-    After an interruption, the same command continues; no finished case is repeated.
+    To continue after an interruption, run the same command again; no finished case is repeated.
 
     Examples:
       palpate sweep paper --out paper
@@ -105,7 +105,7 @@ def sweep_command(
     except KeyboardInterrupt:
         finished = len(store.finished() & {case.address for case in cases})
         console.stderr().print(
-            f"{finished} of {len(cases)} cases are done and kept; the same command continues from there"
+            f"{finished} of {len(cases)} cases are done and saved; run the same command again to continue"
         )
         raise
     if plan:

@@ -101,7 +101,7 @@ def follower(
     speeds = ", ".join(f"{speed / MILLI:g}" for speed in plan.speeds_m_s)
     motion = (
         f"'{robot_file.name}' will move to every place that a leader chooses, and probe it at {speeds} "
-        f"mm/s, pressing with {plan.force_limit_n:g} N; its guard stops it beyond "
+        f"mm/s, pressing with {plan.force_limit_n:g} N. The guard stops the arm beyond "
         f"{robot_file.limits.force_n:g} N."
     )
     job = FollowerJob(
@@ -204,8 +204,8 @@ def leader(  # noqa: PLR0917, one parameter an option
         arm = load_robot_file(device.settings.robot)
         torques = ", ".join(f"{torque:g}" for torque in arm.limits.torque_nm)
         ask_for_power(
-            f"'{arm.name}' will carry its own weight and push the hand that holds it, "
-            f"with at most {torques} N m in its joints.",
+            f"'{arm.name}' will carry its own weight and push against the hand that holds it, "
+            f"with joint torques of at most {torques} N m.",
             yes=yes,
         )
     stderr = console.stderr()
@@ -225,7 +225,7 @@ def leader(  # noqa: PLR0917, one parameter an option
         console.say(f"written: [bold]{display_path(session)}[/bold]")
 
     both = "with the follower's session: both on one timeline"
-    again = "the other side sent nothing: run it with the same options"
+    again = "the follower sent nothing; run it with the same options"
     inspect = f"palpate inspect {shell_path(session)} FOLLOWER.mcap"
     steps = [(inspect, both) if outcome.heard else ("palpate teleop follower --help", again)]
     content = {"session": str(session), **asdict(outcome)}

@@ -108,7 +108,7 @@ def _update(  # noqa: PLR0917, what was typed
         table = read_table(data)
     times, labels, what = time_axis(table, date)
     if what == "count" and (unread := [name for name in table.column_names if name.lower() in DATES]):
-        console.warn(f"column {unread[0]} has no dates such as 2026-11-23: the order of rows is used")
+        console.warn(f"column {unread[0]} has no dates such as 2026-11-23, so the order of rows is used")
     known = list(all_series(table, times))
     available = list(dict.fromkeys(series.name for series in known))
     if unknown := set(names) - set(available):
@@ -158,7 +158,7 @@ def _update(  # noqa: PLR0917, what was typed
             console.say_below(f"[yellow]{safe(describe_change(change))}[/yellow]")
         if constant and (names or not tested):
             console.say_below(
-                f"the same value in all measurements, so not tested: {safe(', '.join(constant))}"
+                f"not tested, because all measurements have the same value: {safe(', '.join(constant))}"
             )
         elif not tested:
             console.say_below(f"nothing is tested: a series needs at least {LEAST} measurements")
@@ -166,8 +166,8 @@ def _update(  # noqa: PLR0917, what was typed
             console.say_below("nothing changes by more than its scatter")
         if short:
             console.say_below(
-                f"[yellow]too short to detect a step: {short} of {len(tested)} series; when testing so many, "
-                f"each needs {least} measurements; --parameter tests fewer[/yellow]"
+                f"[yellow]too short to detect a step: {short} of {len(tested)} series. When so many are "
+                f"tested, each needs {least} measurements; test fewer with --parameter[/yellow]"
             )
         if left_out := content["left_out"]:
             which = f"{_series_name(left_out[0])} at {left_out[0]['at']} ({left_out[0]['value']:.3g})"

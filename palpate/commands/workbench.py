@@ -54,7 +54,7 @@ def workbench_command(
       palpate workbench --riddle
     """
     if riddle and data.file != Path():
-        raise InputError("--riddle probes an object of its own: leave out the file")
+        raise InputError("--riddle probes an object of its own, so leave out the file")
     if foxglove is not None and foxglove == port != 0:
         raise InputError(f"--port {port} and --foxglove {foxglove}: give them different ports")
     existing_data(data.file)

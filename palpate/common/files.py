@@ -69,7 +69,7 @@ def open_session(path: Path) -> Session:
             raise
         data = shell_path(path)
         raise InputError(
-            f"{error}. If it is a table of measurements, palpate import {data} makes a session of it; "
+            f"{error}. If it is a table of measurements, palpate import {data} converts it to a session; "
             f"palpate compare {data} and other commands also read it directly"
         ) from error
 
@@ -245,8 +245,8 @@ def refuse_link(folder: Path) -> Path:
     """
     if folder.is_symlink():
         raise InputError(
-            f"folder {folder}: is a symbolic link to {os.path.realpath(folder)}; results are written through "
-            "a link only if you name it, with --out or --folder; otherwise remove it"
+            f"folder {folder}: is a symbolic link to {os.path.realpath(folder)}; to write results through "
+            "the link, name it with --out or --folder; otherwise remove it"
         )
     return folder
 

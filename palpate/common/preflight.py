@@ -15,8 +15,8 @@ def python_problem(version: tuple[int, int]) -> str | None:
     if version >= OLDEST:
         return None
     return (
-        f"palpate needs CPython 3.11 or newer, but this is {version[0]}.{version[1]}: install it and run: "
-        "make PYTHON=python3.11 env"
+        f"palpate needs CPython 3.11 or newer, but this is {version[0]}.{version[1]}; install a newer "
+        "version, then run: make PYTHON=python3.11 env"
     )
 
 

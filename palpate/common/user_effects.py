@@ -165,7 +165,7 @@ def _flaws(effect_type: Any) -> Iterator[tuple[str, str]]:  # noqa: ANN401, it m
     """Yield attributes with their errors."""
     missing = [what for what in STATED if not hasattr(effect_type, what)]
     if missing:
-        yield "", f"states no {', '.join(missing)}; see Bias in estimation/effects/sensor_statics.py"
+        yield "", f"does not state {', '.join(missing)}; see Bias in estimation/effects/sensor_statics.py"
         return
     if not (isinstance(effect_type.name, str) and _NAME.fullmatch(effect_type.name)):
         expected = "expected lower-case letters, digits and _, such as 'my_effect'"
@@ -184,7 +184,7 @@ def _flaws(effect_type: Any) -> Iterator[tuple[str, str]]:  # noqa: ANN401, it m
             yield what, f"its {what} are {made!r}, expected a tuple of {kind.__name__}"
             return
     if not issubclass(effect_type, AdditiveEffect | MotionEffect | MemoryEffect | SensorEffect):
-        yield "", "derive it from AdditiveEffect, MotionEffect, MemoryEffect or SensorEffect"
+        yield "", "derive the class from AdditiveEffect, MotionEffect, MemoryEffect or SensorEffect"
     yield from _parameter_flaws(effect_type)
     if not isinstance(effect_type.signals, tuple | list):
         yield "signals", f"its signals are {effect_type.signals!r}, expected a tuple of {', '.join(SIGNALS)}"
@@ -192,7 +192,8 @@ def _flaws(effect_type: Any) -> Iterator[tuple[str, str]]:  # noqa: ANN401, it m
         yield "signals", f"its signals contain {', '.join(unknown)}. Valid: {', '.join(SIGNALS)}"
     rivals = effect_type.confused_with
     if not (isinstance(rivals, Mapping) and all(isinstance(n, str) and n.isidentifier() for n in rivals)):
-        yield "confused_with", f"its confused_with is {rivals!r}, expected a dict of experiments by effect"
+        expected = "expected a dict from an effect's name to an experiment"
+        yield "confused_with", f"its confused_with is {rivals!r}, {expected}"
 
 
 def _parameter_flaws(effect_type: type[Effect]) -> Iterator[tuple[str, str]]:
@@ -205,7 +206,8 @@ def _parameter_flaws(effect_type: type[Effect]) -> Iterator[tuple[str, str]]:
         elif not p.lower <= p.typical[0] <= p.typical[1] <= p.upper:
             yield (
                 what,
-                f"typical range {p.typical} of parameter '{p.name}' exceeds {p.lower:g} to {p.upper:g}",
+                f"typical range {p.typical} of parameter '{p.name}' exceeds its bounds {p.lower:g} and "
+                f"{p.upper:g}",
             )
         if not (isinstance(p.name, str) and p.name.isidentifier()):
             yield what, f"a parameter's name is {p.name!r}, expected letters, digits and _"
@@ -213,7 +215,7 @@ def _parameter_flaws(effect_type: type[Effect]) -> Iterator[tuple[str, str]]:
             p.unit_of(ChannelKind.CONTACT)
         except (AttributeError, IndexError, KeyError, ValueError):
             valid = "{effort}, {position} and {inertia}"
-            yield what, f"unit {p.unit!r} of parameter '{p.name}': its valid placeholders are {valid}"
+            yield what, f"unit {p.unit!r} of parameter '{p.name}': valid placeholders are {valid}"
 
 
 def _all(made: Any, kind: type) -> bool:  # noqa: ANN401

@@ -91,7 +91,7 @@ def describe_motion(kind: str, limits: Limits) -> str:
     return (
         f"all joints move at up to {settings.travel_rad_s:.3g} rad/s to a place with enough room; then each "
         f"joint moves at {settings.speed_rad_s:.2g} rad/s against its hard stops and pushes with "
-        f"{100 * PUSH_SHARE:g} % of its torque limit; its guard stops it beyond {trips_rad_s:.3g} "
+        f"{100 * PUSH_SHARE:g} % of its torque limit; the guard stops the arm beyond {trips_rad_s:.3g} "
         "rad/s"
     )
 

@@ -220,7 +220,8 @@ def describe_motion(robot_file: RobotFile, plan: ProbingPlan) -> str:
     speeds = ", ".join(f"{1e3 * speed:g}" for speed in plan.speeds_m_s)
     return (
         f"'{robot_file.name}' will move: {count(len(plan.runs()), 'run')} at {speeds} mm/s, "
-        f"pressing with {plan.force_limit_n:g} N; its guard stops it beyond {robot_file.limits.force_n:g} N."
+        f"pressing with {plan.force_limit_n:g} N. The guard stops the arm beyond "
+        f"{robot_file.limits.force_n:g} N."
     )
 
 

@@ -74,7 +74,7 @@ def run_in_processes(todo: Mapping[str, Case], folder: Path, workers: int) -> It
                     del pool[pipe]
                     idle.append(start())
                     ends[address] += 1
-                    problem = f"ended its worker {ends[address]} times"
+                    problem = f"its worker process died {ends[address]} times"
                     if ends[address] < _MOST_ENDS:
                         waiting.append(address)
                         problem = None
@@ -244,7 +244,7 @@ def _run(cluster: Cluster, todo: dict[str, Case], store: ResultStore) -> Iterato
             if future.status in ("cancelled", "lost") or isinstance(problem, CancelledError):
                 raise PalpateError(
                     f"the scheduler {client.scheduler.addr if client.scheduler else ''} was lost; "
-                    "finished cases are kept, and the same command continues"
+                    "finished cases are saved; run the same command again to continue"
                 )
             address = future.key.split("-")[1]
             yield f"{todo[address].label}: {problem}" if problem else ""

@@ -270,7 +270,7 @@ ODD = f"{OWN_EFFECT}\nclass Odd(Waves):\n    name = 'odd'\n    "
         ("none.py:X", "", ("none.py", "no such file")),
         ("FILE", OWN_EFFECT, ("FILE.py:Class",)),
         ("FILE:Missing", OWN_EFFECT, ("Missing", "Waves")),
-        ("FILE:Nameless", OWN_EFFECT, ("states no", "name")),
+        ("FILE:Nameless", OWN_EFFECT, ("does not state", "name")),
         ("FILE:X", "import a_module_that_is_not_there", ("mine.py", "a_module_that_is_not_there")),
         ("FILE:X", "import sys; sys.exit(0)", ("mine.py", "SystemExit")),
         (

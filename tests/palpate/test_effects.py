@@ -213,7 +213,7 @@ class Mine(AdditiveEffect):
         ("return depth[:, None]", "return np.random.rand(len(depth), 1)", 14, "different values"),
         ('name = "mine"', 'name = "My name"', 8, "its name is"),
         ("(0.1, 10.0)", "(10.0, 0.1)", 12, "ascending order"),
-        ("(0.1, 10.0)", "(0.1, 2e6)", 12, "exceeds -1e.06 to 1e.06"),
+        ("(0.1, 10.0)", "(0.1, 2e6)", 12, "exceeds its bounds -1e.06 and 1e.06"),
         ('"k", "N"', '"k", "{force}/m"', 12, "valid placeholders are {effort}"),
         ('("position",)', '("pos",)', 10, "its signals contain pos. Valid: offset, time, position"),
         ("frozenset({ChannelKind.CONTACT})", '{"contact"}', 11, "ChannelKind.REVOLUTE"),
@@ -223,7 +223,7 @@ class Mine(AdditiveEffect):
             11,
             "its needs are",
         ),
-        ('"mine"\n    physics = ', '"mine"\n    ', 7, "states no physics"),
+        ('"mine"\n    physics = ', '"mine"\n    ', 7, "does not state physics"),
         ("data.position", "data.depth", 15, "depth"),
     ],
 )

@@ -314,7 +314,7 @@ def test_revisions_of_other_channels_are_not_ignored(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--stream", "joint_1"), "--stream and --format feedforward: one file is written"),
+        (("--stream", "joint_1"), "--stream and --format feedforward: only one file is written"),
         (("-o", "ff.csv"), "a feedforward is written as .yaml, with .py and .c beside it"),
         (("--revision", 9), "no revision 9"),
     ],

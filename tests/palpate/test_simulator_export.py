@@ -478,7 +478,7 @@ def test_joint_without_a_revision_gets_its_base_model_with_a_warning(swinging, t
     base = ("export", data, "--format", "feedforward", "-o", tmp_path / "out.yaml", "--force")
     (tmp_path / "empty").mkdir()
     plain = run(*base, "--folder", tmp_path / "empty")
-    assert "no effect was added to joint_1: the base model is exported" in " ".join(plain.stderr.split())
+    assert "no effect was added to joint_1, so the base model is exported" in " ".join(plain.stderr.split())
     assert "no effect was added" not in run(*base, "--folder", folder / "study").stderr
 
 
@@ -500,7 +500,7 @@ def test_diagnosed_joint_is_exported_without_advice_to_diagnose(few_effects, rip
     data = write_table(tmp_path / "free.csv", run=run_number, time_s=t, torque_Nm=torque, **columns)
     run("diagnose", data, "--model", "inertia", "--out", tmp_path / "study")
     said = run("export", data, "--format", "bam", "--folder", tmp_path / "study", "-o", tmp_path / "b.json")
-    assert f"{finding}: the base model is exported" in said.stderr
+    assert f"{finding}, so the base model is exported" in said.stderr
     assert "--apply" not in said.stderr
 
 

@@ -104,7 +104,7 @@ def test_group_difference_and_specimen_variation_are_estimated(out, specimens):
     assert "differs" in page
     assert "s1_soft.csv" in page
     assert "Nothing was diagnosed" in page
-    assert "What is missing where" not in page
+    assert "Missing effects" not in page
 
 
 def test_repeated_batch_computes_only_changed_files(specimens, tmp_path):
@@ -186,7 +186,7 @@ def test_diagnosis_names_the_effect_and_an_added_effect_has_a_size_in_every_row(
     assert by_name["hardening.csv"]["verdict"] == "missing"
     assert by_name["hardening.csv"]["effects"] == "cubic_stiffness"
     assert by_name["hardening.csv"]["budget elastic shape"] > 0.8
-    assert "What is missing where" in (tmp_path / "out" / "index.html").read_text()
+    assert "Missing effects" in (tmp_path / "out" / "index.html").read_text()
     added = palpate.batch([hardening, plain], out=tmp_path / "out", add=["cubic_stiffness"], workers=2)
     grown = {row["measurement"]: row["stiffness.k [N/m]"] for row in added.table.to_pylist()}
     # Of the model with the effect.
@@ -239,7 +239,9 @@ def test_terminal_reports_the_number_of_inadequate_measurements_and_copies(harde
     batch = ("batch", hardening, plain, copy, "--out", tmp_path / "out")
     said = " ".join(done(*batch).stdout.split())
     assert "kelvin_voigt does not fit contact in 1 of 3 measurements: errors reach" in said
-    same = "1 measurement has the same content as another (copy.csv, plain.csv); means and tests count both"
+    same = (
+        "1 measurement has the same content as another (copy.csv, plain.csv); means and tests count each copy"
+    )
     assert same in said
     pooled = as_json(*batch)["pooled"]
     low, high = next(entry["effects"]["interval"] for entry in pooled if entry["parameter"] == "stiffness.k")
@@ -458,7 +460,7 @@ def test_interrupted_batch_continues_to_the_same_table(tmp_path, number):
     assert 4 <= len(finished) < 16
     if number != signal.SIGKILL:
         assert running.returncode == {signal.SIGINT: 130, signal.SIGTERM: 143}[number]
-        assert "the same command continues from there" in " ".join(errors.split())
+        assert "run the same command again to continue" in " ".join(errors.split())
         assert len(rows(out)) == len(finished)
         assert f"{len(finished)} of 16 done" in (out / "index.html").read_text()
     _, errors = process(folder, out).communicate(timeout=300)

@@ -234,7 +234,7 @@ def test_series_too_short_for_a_step_are_counted_instead_of_reported_as_unchange
     assert (content["tested"], content["changes"]) == (10, [])
     assert (content["least_for_step"], content["short"]) == (14, 10)
     stated = run("trend", tmp_path / "nightly").stdout
-    assert "10 of 10 series; when testing so many, each needs 14 measurements" in " ".join(stated.split())
+    assert "10 of 10 series. When so many are tested, each needs 14 measurements" in " ".join(stated.split())
     assert "nothing changes" not in stated
     assert "too short to detect a step" in (tmp_path / "nightly" / "trend.html").read_text()
     (alone,) = as_json("trend", tmp_path / "nightly", "--parameter", "coulomb_friction.torque")["changes"]
@@ -247,7 +247,10 @@ def test_constant_parameter_is_reported_as_constant(tmp_path):
     told = run("trend", tmp_path / "nightly", *series)
     assert told.exit_code == 0
     stated = " ".join(told.stdout.split())
-    assert "the same value in all measurements, so not tested: left joint_1 coulomb_friction.torque" in stated
+    assert (
+        "not tested, because all measurements have the same value: left joint_1 coulomb_friction.torque"
+        in stated
+    )
     assert "needs at least" not in stated
     said = as_json("trend", tmp_path / "nightly")
     assert (said["tested"], said["constant"]) == (1, ["left joint_1 coulomb_friction.torque"])
@@ -255,7 +258,7 @@ def test_constant_parameter_is_reported_as_constant(tmp_path):
 
 def test_single_date_is_refused_and_a_constant_date_column_is_skipped(tmp_path):
     write_table(tmp_path / "nightly", 0.2 + 0.001 * np.arange(40), [DAYS[0]] * 40)
-    assert_refused(run("trend", tmp_path / "nightly"), "all 40 measurements have 2026-01-01")
+    assert_refused(run("trend", tmp_path / "nightly"), "all 40 measurements have the same value, 2026-01-01")
     write_table(tmp_path / "first", np.array([0.2]), [DAYS[0]])
     assert as_json("trend", tmp_path / "first")["tested"] == 0
     table = pq.read_table(tmp_path / "nightly" / "table.parquet")

@@ -104,7 +104,7 @@ def test_killed_scheduler_ends_the_client_and_a_new_one_continues(tmp_path, dask
     scheduler.kill()
     _, errors = running.communicate(timeout=PATIENCE_S)
     assert running.returncode == 1
-    assert "the same command continues" in errors.splitlines()[-1]
+    assert "run the same command again to continue" in errors.splitlines()[-1]
     time.sleep(1.0)  # what was running lands, though nobody asks any more
     finished = ResultStore(tmp_path / "results").finished()
     _, address = dask_on()

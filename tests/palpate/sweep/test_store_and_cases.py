@@ -314,7 +314,7 @@ def test_repeated_result_may_have_taken_another_time(tmp_path):
 def test_case_that_crashes_its_worker_is_reported_and_others_finish(tmp_path):
     cases = [Case("tests.palpate.sweep.slow_work:fatal", {"what": "all"}, seed) for seed in range(4)]
     report = run_cases(cases, ResultStore(tmp_path), Cluster(workers=2))
-    assert report.failures == ("case {'what': 'all'}: ended its worker 4 times",)
+    assert report.failures == ("case {'what': 'all'}: its worker process died 4 times",)
     assert report.finished_now == 3
     rows = ResultStore(tmp_path).rows([case.address for case in cases])
     assert [(row["seed"], row["square"]) for row in rows] == [(0, 0), (2, 4), (3, 9)]
@@ -418,7 +418,7 @@ def test_scheduler_gets_a_few_cases_at_a_time_and_all_results_arrive(tmp_path, m
         ({"workers": 0}, "scheduler tcp://s: has no workers; start one with: dask worker"),
         ({"sees_folder": False}, "worker tcp://w: cannot access .*; use a shared disk for --out"),
         ({"code": ["other"]}, "worker tcp://w: runs a different version of palpate"),
-        ({"lost_after": 0}, "the scheduler tcp://s was lost; finished cases are kept"),
+        ({"lost_after": 0}, "the scheduler tcp://s was lost; finished cases are saved"),
     ],
 )
 def test_scheduler_that_cannot_serve_is_refused(tmp_path, monkeypatch, faults, words):

@@ -98,7 +98,7 @@ def test_interrupted_sweep_reports_its_progress(tmp_path, mine, monkeypatch):
     monkeypatch.setattr("palpate.sweep.run_cases", interrupted)
     result = run("sweep", mine, "--out", tmp_path / "out")
     assert result.exit_code == 130
-    assert "1 of 4 cases are done and kept; the same command continues from there" in result.stderr
+    assert "1 of 4 cases are done and saved; run the same command again to continue" in result.stderr
 
 
 def test_sweep_with_a_repeated_object_finishes(tmp_path):
