@@ -144,8 +144,8 @@ def _examine_ports(robot_file: RobotFile) -> Iterator[tuple[str, Finding]]:
         if isinstance(port, str) and port.startswith("/"):
             if not Path(port).exists():
                 adapters = sorted(Path("/dev/serial/by-id").glob("*"))
-                others = ", ".join(map(str, adapters)) or "no USB adapter is connected"
-                remedy = f"plug it in, or correct the robot file ({others})"
+                others = ", ".join(map(str, adapters)) or "none"
+                remedy = f"plug the adapter in, or correct the robot file (connected adapters: {others})"
                 yield name, fail(subject, f"{port}: is not there", remedy)
             elif not Path(port).is_char_device():
                 yield name, fail(subject, f"{port}: is not a serial port", "correct the robot file")
@@ -230,9 +230,9 @@ def _examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
     measurements = [measurement for measurement, _ in ticks]
     median_s, most_s = np.median(reading_s), np.quantile(reading_s, 0.99)
     value = (
-        f"takes {median_s * _MICRO:.0f} us of "
-        f"{'simulated' if isinstance(clock, SimulatedClock) else 'real'} time; 99 of 100 ticks take "
-        f"at most {most_s * _MICRO:.0f} us"
+        f"takes {median_s * _MICRO:.0f} us (median) of "
+        f"{'simulated' if isinstance(clock, SimulatedClock) else 'real'} time, and at most "
+        f"{most_s * _MICRO:.0f} us in 99 of 100 ticks"
     )
     remedy = (
         f"the control loop waits at most {READ_SHARE * period_s * _MICRO:.0f} us for a reading; see the "
@@ -253,8 +253,7 @@ def _examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
         joint = int(np.argmax(np.abs(away_rad)))
         value = f"joint {joint + 1} is farthest from home_rad, by {away_rad[joint]:+.2f} rad"
         remedy = (
-            "no command moves the arm home: bring it there by hand; a run starts and ends where the "
-            "arm stands"
+            "bring the arm home by hand, because no command does; a run starts and ends where the arm stands"
         )
         yield graded("home", value, (_WARN, abs(away_rad[joint]) > _FAR_RAD, remedy))
     if np.isfinite([m.force_n for m in measurements]).all():
@@ -276,8 +275,8 @@ def _computed(robot: Robot, period_s: float) -> Iterator[Finding]:
             continue
         most_hz = _FULL_SHARE / wire_s
         value = (
-            f"its bytes take {wire_s * _MICRO:.0f} us of each {period_s * _MICRO:.0f} us on the wire, "
-            f"enough for {most_hz:.0f} Hz"
+            f"the bytes of a tick take {wire_s * _MICRO:.0f} us on the wire, of {period_s * _MICRO:.0f} us "
+            f"per tick; the wire allows {most_hz:.0f} Hz"
         )
         remedy = f"raise the bit rate, lower control_rate_hz to {most_hz:.0f}, or send less in each tick"
         too_much, nearly = wire_s > period_s, wire_s > _FULL_SHARE * period_s

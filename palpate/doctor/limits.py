@@ -34,7 +34,7 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
         body: rigid-body model of the arm.
     """
     if joint := body.weightless_joint:
-        remedy = "give its links an <inertial>: gravity compensation needs it, also in a stop"
+        remedy = "give its links an <inertial>; gravity compensation needs it, even during a stop"
         yield fail("masses", f"{robot_file.urdf_path}: joint '{joint}' moves no mass", remedy)
         return
     limits, tick_s = robot_file.limits, 1.0 / robot_file.control_rate_hz
@@ -75,7 +75,7 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
     for name, bus in robot_file.buses.items():
         watchdog_s = bus.settings.get("watchdog_s")
         if isinstance(watchdog_s, int | float):
-            long = f"the drive holds its last torque for this time: {_LONG_WATCHDOG_S:g} s is enough"
+            long = f"the drive holds its last torque for this long; {_LONG_WATCHDOG_S:g} s is enough"
             yield graded(
                 f"watchdog of {name}",
                 f"the drives switch off {1e3 * watchdog_s:g} ms after the last command (robot file)",
@@ -89,7 +89,7 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
     limit_rad_s, urdf_rad_s = np.array(limits.velocity_rad_s), body.velocity_limits_rad_s
     beyond = _exceeds_any(limit_rad_s, _SPEEDS * urdf_rad_s)
     value = f"{_listed(limit_rad_s)} rad/s; the URDF states {_listed(urdf_rad_s)} rad/s"
-    remedy = "the guard would stop nothing: lower velocity_rad_s"
+    remedy = "the guard would never stop the arm; lower velocity_rad_s"
     yield graded("velocity limits", value, (_FAIL, beyond, remedy))
     widest_rad = max(limits.tracking_rad)
     remedy = "lower tracking_rad: a well-tuned arm stays within 0.1 rad"
@@ -132,7 +132,7 @@ def _force(robot_file: RobotFile) -> Finding:
         capacity_n = load * newtons_per(unit)
     if not isinstance(capacity_n, int | float):
         return ok("force limit", f"{limit_n:g} N; the robot file does not state the sensor's range")
-    remedy = "the sensor saturates first: lower force_n, or correct the capacity"
+    remedy = "the sensor saturates before the guard stops the arm; lower force_n, or correct the capacity"
     value = f"{limit_n:g} N, but the sensor's range ends at {capacity_n:g} N"
     return graded("force limit", value, (_FAIL, limit_n >= capacity_n, remedy))
 
@@ -148,12 +148,12 @@ def _sensor_axis(robot_file: RobotFile, body: RigidBody) -> Finding:
     return graded(
         "sensor_axis_tip",
         f"the tool pushes {describe_direction(push)} when the arm is at home",
-        (_FAIL, moved_m < _STILL_M, "no joint moves the tool in this direction: correct it"),
-        (_FAIL, outwards < -_OUTWARDS, "this points back towards the arm: reverse it, or correct tip_frame"),
+        (_FAIL, moved_m < _STILL_M, "no joint moves the tool in this direction; correct the axis"),
+        (_FAIL, outwards < -_OUTWARDS, "the axis points back to the arm; reverse it, or correct tip_frame"),
         (
             _WARN,
             outwards < _OUTWARDS,
-            "this is across the last link: correct it unless the tool pushes that way",
+            "the axis is across the last link; correct it unless the tool pushes that way",
         ),
     )
 

@@ -79,7 +79,7 @@ def physics_engines() -> Iterator[Finding]:
 
     engines = installed_engines()
     if not engines:
-        yield ok("physics engine", f"none; only a simulation needs one; {missing_package('mujoco')}")
+        yield ok("physics engine", f"none (only a simulation needs one); {missing_package('mujoco')}")
     for name in engines:
         step_s = 1e-3
         engine = engine_class(name)(_MASS_ON_A_RAIL, "mass", step_s=step_s, gravity_m_s2=(0.0, 0.0, -GRAVITY))
@@ -170,7 +170,7 @@ def serial_port(subject: str, port: Path, denied: Level) -> Finding:
     latency_ms = _text(Path("/sys/bus/usb-serial/devices") / name / "latency_timer")
     if latency_ms.isdigit() and int(latency_ms) > USB_LATENCY_MS:
         setting = f"echo 1 | sudo tee /sys/bus/usb-serial/devices/{name}/latency_timer"
-        return warn(subject, f"{port}: the adapter waits {latency_ms} ms before it delivers", setting)
+        return warn(subject, f"{port}: the adapter waits {latency_ms} ms before it delivers data", setting)
     return ok(subject, f"{port}: may be opened")
 
 

@@ -150,7 +150,9 @@ def examine_signs(
         turned_rad = angles_rad + _SHOWN_RAD * (np.arange(len(angles_rad)) == joint)
         way_m = body.tip_pose(turned_rad)[0] - body.tip_pose(angles_rad)[0]
         is_seen = np.linalg.norm(way_m) >= 1e-3
-        hand.turn(joint, f"the tip goes {describe_direction(way_m)}" if is_seen else "to its positive side")
+        hand.turn(
+            joint, f"the tip goes {describe_direction(way_m)}" if is_seen else "in the positive direction"
+        )
         yield _joint_finding(joint, _watch(robot, hand, lambda m: m.joint_position_rad, _MOVED_RAD))
     if not _wait_until(robot, hand, _is_still):
         yield RESTLESS
@@ -337,8 +339,10 @@ def examine_powered(
         is_scaled = not is_stuck and not abs(share - 1.0) <= _SPEED_SHARE
         value = f"moved {moved_rad:.3f} of {NUDGE_RAD:g} rad"
         value += f"; its reported speeds are {share:.2f} times those of its positions" * is_scaled
-        stuck = "it does not follow: friction, a low torque limit, or a wrong torque constant"
-        model = "its torques have a wrong scale too: correct its model in the robot file"
+        stuck = (
+            "it does not follow, perhaps because of friction, a low torque limit or a wrong torque constant"
+        )
+        model = "the scale of its torques is wrong, too; correct its model in the robot file"
         remedies = (_FAIL, is_stuck, stuck), (_FAIL, is_scaled, model)
         yield graded(f"drive of joint {joint + 1}", value, *remedies)
         # Friction is half the difference of both ways.
@@ -384,13 +388,13 @@ def _torque_finding(
         f"{warn_nm:.2f} N m, friction {friction_nm:.2f} N m)"
     )
     if off_nm <= warn_nm and abs(required_nm) < _CLEAR * hidden_nm:
-        return skip(subject, f"not checked, too small here: {value}", "palpate calibrate torque")
+        return skip(subject, f"not checked, because it is too small: {value}", "palpate calibrate torque")
     angles = (
         f"zero_rad and gear ratios of joints 1 to {joint + 1}" if joint else "its zero_rad and gear ratio"
     )
     remedy = (
-        f"check its model and torque constant, {angles}, and the URDF's masses and lengths; then palpate "
-        "calibrate torque, gravity"
+        f"check its model and torque constant, {angles}, and the URDF's masses and lengths; then run palpate "
+        "calibrate torque and palpate calibrate gravity"
     )
     is_wrong, is_off = not off_nm <= fail_nm, not off_nm <= warn_nm  # both true for NaN
     return graded(subject, value, (_FAIL, is_wrong, remedy), (Level.WARN, is_off, remedy))
@@ -422,14 +426,16 @@ def _stopped(
         remedy = f"only the torque of joint {suspects[0]} contradicts the motion: see its line"
         if suspects[0] > 1:
             remedy += (
-                "; a wrong angle of an earlier joint looks the same: compare the pose above with the arm's"
+                "; a wrong angle of an earlier joint has the same effect, so compare the pose above with the "
+                "arm's"
             )
     if len(suspects) > 1:
         remedy = (
-            f"joints {', '.join(map(str, suspects))} contradict the motion and cannot be told apart: compare "
-            "the pose above with the arm's (zero_rad, gear ratio), then check models and masses"
+            f"the torques of joints {', '.join(map(str, suspects))} contradict the motion, so the faulty "
+            "joint is unknown; compare the pose above with the arm's (zero_rad, gear ratio), then check "
+            "models and masses"
         )
-    yield fail("small motion", f"the guard stopped it: {cause}", remedy)
+    yield fail("small motion", f"the guard stopped the arm: {cause}", remedy)
 
 
 def _reduced_limits(limits: Limits, body: RigidBody) -> Limits:

@@ -56,7 +56,7 @@ _FIELDS = {
     "quadratic": (0.0, "effort s^2/length^2"),
     "friction_level": (0.0, "effort"),
     "friction_rise": (0.0, "effort, at low speed"),
-    "friction_speed": (1.0, "length/s, over which the rise is gone"),
+    "friction_speed": (1.0, "length/s, speed at which the rise has fallen to 37 %"),
     "friction_sine": (0.0, "effort, variation with position"),
     "friction_cosine": (0.0, "effort"),
     "friction_cycles": (0.0, "1/length"),
@@ -102,7 +102,7 @@ TERMS: Terms = {
         friction_speed="speed",
         friction_transition="transition",
     ),
-    "torque_gain": "is a scale error of the torque reading: for a drive whose commands have the same scale, "
+    "torque_gain": "is a scale error of the torque reading; if the drive's commands have the same error, "
     "multiply the table by this gain",
     "viscous_friction": named(viscous="d"),
     "weight": named(gravity_sine="g1", gravity_cosine="g2"),
@@ -146,8 +146,9 @@ def _values_of(joint: FittedJoint, source: str) -> tuple[dict[str, TermValue], l
         if fitted:
             unit = fitted.unit
             lines.append(
-                f"{joint.name}: {name}.transition {fitted.value:.3g} {unit} is not determined: friction "
-                f"changes sign over at least {slowest:.3g} {unit}, the smallest speed that the data resolve"
+                f"{joint.name}: {name}.transition {fitted.value:.3g} {unit} is not determined; in the table, "
+                f"friction changes sign over at least {slowest:.3g} {unit}, the smallest speed that the data "
+                "resolve"
             )
     return values, lines
 

@@ -177,9 +177,9 @@ def export_scenario(base: Scenario, fitted: Sequence[FittedChannel], description
             (used if made else left_out).extend(f"{where}: {line}" for line in lines)
             if name == "dry_friction" and values["presliding"] < SHORTEST_SLIP_M:
                 left_out.append(
-                    f"{where}: dry_friction changes sign over {SHORTEST_SLIP_M:.0e} m, the shortest "
-                    f"simulated path: its presliding of {values['presliding']:.2g} m and transition of "
-                    f"{values['transition']:.2g} m/s are left out"
+                    f"{where}: simulated dry_friction cannot change sign over less than "
+                    f"{SHORTEST_SLIP_M:.0e} m, so its presliding of {values['presliding']:.2g} m and "
+                    f"transition of {values['transition']:.2g} m/s are left out"
                 )
     return Export(scenario.with_hidden(hidden), tuple(used), tuple(left_out))
 
@@ -200,7 +200,9 @@ def _with_object(
     changed: dict[str, object] = {"law": law}
     lines = ["object: " + ", ".join(f"{key} {_shown(value)}" for key, value in law.items())]
     if damper and damper["c"] < 0.0:
-        lines.append(f"object: a damping of {damper['c']:.3g} N s/m would add energy, and is simulated as 0")
+        lines.append(
+            f"object: a damping of {damper['c']:.3g} N s/m would add energy, so it is simulated as 0"
+        )
     if surface is not None:
         deeper = effects.pop("contact_offset", {"offset": 0.0})["offset"]
         unseen_m = deadband_n / spring["k"] if spring and spring["k"] > 0.0 else 0.0

@@ -47,22 +47,20 @@ def named(lost: str = "", **names: str) -> TargetTerm:
     return TargetTerm(lambda p: {key: p[name] for key, name in names.items()}, lost)
 
 
-_ONE_LEVEL = "dry friction has one level at all speeds: the rise at low speed is left out"
-AT_ONCE = "dry friction changes sign at once: the path over which it builds up is left out"
-_NO_PLACE = "dry friction has one level everywhere: its variation with position is left out"
-_OF_BODIES = "includes everything the joint carries: set masses and inertias of the bodies by hand"
-_NO_LOAD = "is left out: the target has no friction that grows with the load"
-_LATE = (
-    "delays the reading; if it is negative, the motion lags the effort: set the delay of the action by hand"
-)
-_GAIN = "scales the torque reading: on the real joint, divide the reading by this gain"
+_ONE_LEVEL = "dry friction in the target has one level at all speeds, so the rise at low speed is left out"
+AT_ONCE = "dry friction in the target changes sign at once, so the path over which it builds up is left out"
+_NO_PLACE = "dry friction in the target has one level everywhere, so its variation with position is left out"
+_OF_BODIES = "includes everything the joint carries; set masses and inertias of the bodies by hand"
+_NO_LOAD = "is left out, because the target has no friction that grows with the load"
+_LATE = "delays the reading (if negative, the motion lags the effort); set the delay of the action by hand"
+_GAIN = "scales the torque reading; on the real joint, divide the reading by this gain"
 
 TILT_OF_ARM = "gravity_tilt of an arm"  # its parameters are angles; those of a pendulum are torques
-SYMMETRIC = "friction is the same in both directions: their mean is exported"
+SYMMETRIC = "the target has equal friction in both directions, so the mean of both is exported"
 # Reasons for every target; its own terms take precedence.
 _REASONS: Mapping[str, str] = {
     "bias": "may be a constant effort or the sensor's zero, which the motion cannot distinguish",
-    "gravity_tilt": "is the weight of a single pendulum: to get a tilt angle, fit with the arm's URDF",
+    "gravity_tilt": "is the weight of a single pendulum; to get a tilt angle, fit with the arm's URDF",
     "inertia": _OF_BODIES,
     "pendulum": _OF_BODIES,
     "rigid_body": "",  # stated in the arm's own file
@@ -118,7 +116,7 @@ TABLE: Mapping[SimulatorFormat, Terms] = {
         "cubic_stiffness": named(cubic="k3"),
         "delay": TargetTerm(
             lambda p: {"sensor_delay_s": p["time"]} if p["time"] > 0.0 else {},
-            none="is negative, so the motion lags the effort: set the actuator's delay by hand",
+            none="is negative, so the motion lags the effort; set the actuator's delay by hand",
         ),
         TILT_OF_ARM: TargetTerm(lambda p: {f"{key}_rad": angle for key, angle in p.items()}),
         "joint_elasticity": "needs a second body behind a spring",
@@ -127,13 +125,14 @@ TABLE: Mapping[SimulatorFormat, Terms] = {
         "quadratic_friction": named(damping_quadratic="d2"),
         "stiffness": named(stiffness="k"),
         "torque_gain": TargetTerm(lambda p: {"gear": 1.0 / p["gain"]}),
-        "torque_ripple": "only a <dcmotor> has cogging",
+        "torque_ripple": "is left out, because only a <dcmotor> has cogging",
     },
     SimulatorFormat.URDF: {
         **_friction(("friction",), "damping"),
         **_NO_LOADS,
-        "armature": "a URDF has no inertia of a rotor",
-        TILT_OF_ARM: "a URDF has no gravity: tilt the base where the arm is placed in the world",
+        "armature": "is left out, because a URDF has no inertia of a rotor",
+        TILT_OF_ARM: "is left out, because a URDF has no gravity; tilt the base where the arm is placed in "
+        "the world",
         "payload": named(payload_kg="mass"),
         "torque_gain": _GAIN,
     },

@@ -24,8 +24,8 @@ def _rebase_mjcf(root: Element, place: str, folder: str) -> None:
         return
     if (included := root.find(".//include")) is not None:
         raise InputError(
-            f"{place}: MuJoCo looks for the included file {included.get('file', '')} beside the main file: "
-            "write the copy there with -o"
+            f"{place}: MuJoCo looks for the included file {included.get('file', '')} beside the main file; "
+            f"write the copy to the folder of {place} with -o"
         )
     for model in root.iter("model"):
         if name := model.get("file"):
@@ -250,14 +250,14 @@ class _Mjcf:
             real = [float(root.real) for root in roots if abs(root.imag) < 1e-9 * (1.0 + abs(root.real))]
             rest = min(real, key=abs) if real else (0.0 if p == 0.0 else None)
             if rest is None:
-                self._omit(joint, f"preload {p:.5g} cannot be exported: no fitted spring balances it")
+                self._omit(joint, f"preload {p:.5g} is left out, because no fitted spring balances it")
                 rest = 0.0
             texts["stiffness"] = _polynomial(k + 3.0 * k3 * rest**2, 3.0 * k3 * rest, k3)
             texts["springref"] = f"{in_file(rest):.9g}"
         for key in _PASSIVE:
             before = self.value(element, key, "0")
             if key not in texts and any(self._numbers(element, key, before)):
-                self._omit(joint, f"{key} {before} of the file is kept: the fitted model has none")
+                self._omit(joint, f"{key} {before} of the file is kept, because the fitted model has none")
         for key, value in texts.items():
             element.set(key, value)
         if joint.values:
@@ -305,21 +305,17 @@ class _Mjcf:
     def _add_gap(self, element: Element, joint: TargetJoint, half: float) -> None:
         name = f"{element.get('name') or joint.channel}_backlash"
         if any(key.get("qpos") for key in self._root.iter("key")):
-            self._omit(
-                joint, "'backlash' needs one more joint: remove the file's keyframes with positions first"
-            )
+            self._omit(joint, "'backlash' adds a joint, so remove the file's keyframes with positions first")
             return
         parent = self._parents[element]
         own = {"name": name, "limited": "true", "range": f"{-half:.9g} {half:.9g}"}
         own |= {"armature": f"{_SMALL_ARMATURE}", "damping": "0", "frictionloss": "0", "stiffness": "0"}
         own |= {key: value for key in ("type", "axis", "pos") if (value := self.value(element, key, ""))}
         parent.insert(list(parent).index(element) + 1, Element("joint", own))
-        self.used.append(
-            f"{joint.channel}: new joint '{name}': positions and velocities have one more element"
-        )
+        self.used.append(f"{joint.channel}: new joint '{name}' adds an element to positions and velocities")
         if not any(self._numbers(element, "armature", self.value(element, "armature", "0"))):
             unknown = "the inertia of the rotor is unknown"
-            self._omit(joint, f"{unknown}; without an armature the contact at the gap's ends is soft")
+            self._omit(joint, f"{unknown}, and without an armature the contact at the gap's ends is soft")
 
     def check_servo(self, element: Element, joint: TargetJoint, gain_nm_rad: float) -> None:
         """Report where the joint's <position> actuator contradicts a fit to goals and positions.
@@ -354,7 +350,8 @@ class _Mjcf:
             _comment(self._root, each, "gear", [f"{first:.9g} of the file times {factor:.9g}"])
         if not scaled:
             kinds = ", ".join(f"<{each.tag}>" for each in actuators) or "none"
-            self._omit(joint, f"'torque_gain' scales the gear of a <motor>; actuators of this joint: {kinds}")
+            left_out = "'torque_gain' is left out, because it scales the gear of a <motor>"
+            self._omit(joint, f"{left_out}; actuators of this joint: {kinds}")
 
     def add_payload(self, payload: TermValue, mounting: Mounting) -> None:
         """Add a point mass at the tip; a mass of zero or less is only reported.
@@ -413,8 +410,8 @@ def _named(place: str, joints: Sequence[Element], joint: TargetJoint, advice: st
     if not found:
         names = dict.fromkeys(name for each in joints if (name := each.get("name")))
         raise InputError(
-            f"{place}: no joint is called '{joint.name}', the name of {joint.channel} "
-            f"in the URDF of --urdf (without --urdf: the channel's own). "
+            f"{place}: no joint is called '{joint.name}', as {joint.channel} is called in the URDF of --urdf "
+            "(without --urdf, the name of the channel is used). "
             f"Valid: {', '.join(names) or 'none'}{advice}"
         )
     if len(found) > 1:

@@ -251,7 +251,9 @@ def simulate_plan(simulation: PlanSimulation) -> Samples:
             raise InputError(f"the force would exceed {limits.force_n:g} N (limits.force_n)")
         beyond = np.abs(torque) > torque_limits_nm
         if beyond.any():
-            raise InputError(f"joint {int(beyond.argmax()) + 1} would exceed its torque (limits.torque_nm)")
+            raise InputError(
+                f"joint {int(beyond.argmax()) + 1} would exceed its torque limit (limits.torque_nm)"
+            )
         if time_s > LONGEST_S:
             raise InputError(f"takes more than {LONGEST_S:.0f} s")
         if output is None:

@@ -306,7 +306,7 @@ ALONE = "only the torque of joint {} contradicts the motion"
         (ROBSTRIDE, "2, model: RS03", "2, model: RS04", ["torque of joint 2", STOP], ALONE.format(2)),
         (ROBSTRIDE, "2, reversed", "2, zero_rad: 1.5708, reversed", ["torque of joint 3", STOP], "earlier"),
         (ROBSTRIDE, "RS03, gear_ratio: 2}", "RS03, gear_ratio: 1}", TWO, "gear ratios of joints 1 to 3"),
-        (DYNAMIXEL, SERVO, SERVO.replace("3.14159265", "4.7124"), TORQUES, "cannot be told apart"),
+        (DYNAMIXEL, SERVO, SERVO.replace("3.14159265", "4.7124"), TORQUES, "the faulty joint is unknown"),
     ],
 )  # fmt: skip
 def test_joint_that_contradicts_its_robot_file_is_blamed(path, old, new, subjects, words):
@@ -354,7 +354,7 @@ def test_torque_is_never_ok_where_an_error_could_not_show(held_nm, required_nm, 
 @pytest.mark.parametrize(
     ("axis", "level", "words"),
     [
-        ("[-1, 0, 0]", Level.FAIL, "back towards the arm"),
+        ("[-1, 0, 0]", Level.FAIL, "back to the arm"),
         ("[0, 1, 0]", Level.FAIL, "no joint moves"),
         ("[0, 0, 1]", Level.WARN, "across the last link"),
     ],
@@ -409,7 +409,7 @@ def test_slow_bus_is_detected_from_its_byte_count():
     slow = changed(DYNAMIXEL, ("baud_rate: 4000000", "baud_rate: 57600"))
     (found,) = failures(examine_arm(ArmCheck(slow, wired=True)))
     assert found.subject == "rate of motors"
-    assert "enough for 47 Hz" in found.text
+    assert "the wire allows 47 Hz" in found.text
 
 
 def limit_findings(robot_file):
