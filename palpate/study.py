@@ -142,7 +142,7 @@ class Study(ModelStudy):
             if idle and not any(acts.values()):
                 spot = place_of(type(effect), "columns")
                 raise InputError(
-                    f"--effect {text}: its columns are zero throughout {idle}: there is nothing to fit{spot}"
+                    f"--effect {text}: its columns are zero throughout {idle}, so nothing can be fitted{spot}"
                 )
 
     def diagnose(
@@ -403,7 +403,7 @@ class Study(ModelStudy):
             self.check(revision)
             if self.channel_of(revision).kind is ChannelKind.PRISMATIC:
                 raise InputError(
-                    f"{revision.channel}: is a linear axis, and the joints of the simulated arm turn; name "
+                    f"{revision.channel}: is a linear axis, but all joints of the simulated arm rotate; name "
                     "other revisions with --revision, or export it with --format feedforward, mjcf, urdf, "
                     "isaaclab or bam"
                 )
@@ -417,8 +417,8 @@ class Study(ModelStudy):
         _refuse_several(["contact" if item.channel in names else item.channel for item in chosen])
         if not chosen:
             raise InputError(
-                f"{self._file}: no revision to write, and only a contact is written without one; add an "
-                "effect to a joint first (palpate add, palpate diagnose --apply)"
+                f"{self._file}: has no revision to export, and only a contact is exported without one; add "
+                "an effect to a joint first (palpate add, palpate diagnose --apply)"
             )
         return chosen
 
@@ -489,7 +489,9 @@ def arm_from_urdf(path: Path, tip_frame: str | None = None) -> Arm:
             robot = parse_urdf(read_text(path))
             if TIP_FRAME not in {link.get("name") for link in robot.findall("link")}:
                 chosen = last_link(robot) or TIP_FRAME
-    note = f"{path}: no link is called '{TIP_FRAME}'; the last link, '{chosen}', is used: see --tip-frame"
+    note = (
+        f"{path}: no link is called '{TIP_FRAME}', so the tip is the last link, '{chosen}' (see --tip-frame)"
+    )
     notes = () if tip_frame is not None or chosen == TIP_FRAME else (note,)
     body = RigidBody.from_urdf(path, chosen)  # checked even if no model needs it
     return Arm(read_text(path), chosen, str(path), notes=notes, joint_names=body.joint_names)

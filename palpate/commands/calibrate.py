@@ -161,7 +161,7 @@ def force(
     _calibrate("force", options, record, analyze)
 
 
-_POSE = "Pose in which the arm is held: 'home', or one angle per joint; nothing moves."
+_POSE = "Pose in which the arm is held: 'home', or one angle per joint. The arm does not move."
 _LOWER_STOPS = "Lower hard stops; default: the URDF's limits."
 _UPPER_STOPS = "Upper hard stops; default: the URDF's limits."
 _KNOWN_MRAD = "Standard uncertainty of the stops or the pose."

@@ -221,7 +221,7 @@ def _verdict(
         elif complete and far:
             far = f"{far}, {MAY_BE_NOISE}" if view.noise_level > 0.0 else f"; the error is {ROUNDING}"
         text = (
-            f"{model} {verb if fits else 'does not fit'} {view.name}: {with_unit(errors[-1], unit)} in "
+            f"{model} {verb if fits else 'does not fit'} {view.name}: error {with_unit(errors[-1], unit)} in "
             f"held-out runs, noise {view.noise_text}{far}."
         )
         words = compared.words[1:] if compared is not None and not fits else ()

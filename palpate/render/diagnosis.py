@@ -155,16 +155,16 @@ def describe_error_decrease(
     first, last = errors[0], errors[-1]
     subject = f"{channel} with {_join_names(added)}: the error in held-out runs"
     if last > _NO_FALL * first:
-        return f"{subject} does not fall: from {rounded(first)} to {with_unit(last, unit)}."
+        return f"{subject} does not fall ({rounded(first)} before, {with_unit(last, unit)} now)."
     times = last / noise if noise > 0.0 else float("inf")
     ends = f"to {'at least ' * is_bound}{times:.1f} times the noise"
     if times < NOISE:
-        ends = "to what may be noise" if is_bound else "down to the noise"
+        ends = "which may be noise" if is_bound else "down to the noise"
     falls = f"{subject} falls from {rounded(first)} to {with_unit(last, unit)}, {ends}."
     before = errors[-2]
     if last <= _NO_FALL * before:
         return falls
-    does = "makes it worse" if last * _NO_FALL > before else "does next to nothing"
+    does = "increases the error" if last * _NO_FALL > before else "hardly reduces the error"
     step = f"from {rounded(before, 4)} to {with_unit(last, unit, 4)}"
     return f"{falls} The last step, {added[-1]}, {does}: {step}."
 

@@ -96,7 +96,7 @@ def estimates_view(estimates: ChannelEstimates, truth: Truth) -> ChannelView:
     unit = estimates.channel.effort_unit
     level = f"; the noise is {estimates.noise.describe(unit)}" if estimates.noise else ""
     sentence = (
-        f"{estimates.channel.name}: {estimates.model.name} by estimator {best.estimator} leaves an error "
+        f"{estimates.channel.name}: {estimates.model.name}, fitted by {best.estimator}, leaves an error "
         f"of {with_unit(best.rmse, unit)}{level}."
     )
     share = _TO_PERCENT * (1.0 - float(np.mean(estimates.rows)))
@@ -197,8 +197,8 @@ def remarks(estimates: ChannelEstimates, truth: Truth) -> list[str]:
     if MIN_STEPS <= steps_spanned(channel, estimates.rows) < FEW_STEPS:
         steps = describe_steps(channel, estimates.rows)
         remarks.append(
-            f"{steps}: the intervals include this error, but with so few steps the estimated damping is too "
-            "low"
+            f"{steps}; the intervals include this rounding error, but with so few steps the estimated "
+            "damping is too low"
         )
     return [*remarks, *_remarks_on_fits(estimates)]
 
@@ -208,7 +208,7 @@ def _remarks_on_fits(estimates: ChannelEstimates) -> Iterator[str]:
     if estimates.noise is not None and estimates.misfit > POOR:
         yield (
             f"{estimates.model.name} does not describe these data: the error of {best.estimator} is "
-            f"{rounded(best.rmse, 2)} {unit} (rms), the noise is {estimates.noise.describe(unit)}. "
+            f"{rounded(best.rmse, 2)} {unit} (rms), but the noise is {estimates.noise.describe(unit)}. "
             "The intervals do not include this model error; palpate diagnose looks for what is missing"
         )
     surface = estimates.channel.surface

@@ -141,7 +141,7 @@ def _describe_fit(model: ComparedModel, measured: ComparedModel) -> str:
 
 
 def _compare_parameters(sides: PairedComparison, *, lacks_effects: bool) -> Iterator[str]:
-    cause = ", which may come from what the models lack" if lacks_effects else ""
+    cause = ", which may come from missing effects" if lacks_effects else ""
     known = [difference for difference in sides.differences if difference.differs is not None]
     for difference in known:
         if difference.differs:

@@ -186,7 +186,8 @@ def run_weighing(
     limit_n = job.robot_file.limits.force_n
     if max(map(abs, forces_n)) >= limit_n:
         raise InputError(
-            f"{max(forces_n, key=abs):.4g} N: limits.force_n of '{job.robot_file.name}' is {limit_n:g} N"
+            f"{max(forces_n, key=abs):.4g} N: is not below limits.force_n of '{job.robot_file.name}', "
+            f"{limit_n:g} N"
         )
     with _unpowered(job) as (arm, stationary, _):
         for number, force_n in enumerate(forces_n):

@@ -161,7 +161,7 @@ def _results(
         name: _entry(UncertainValue(angle, std), "rad") for name, angle, std in tilt if np.isfinite(angle)
     }
     if not values:
-        raise InputError("no joint of this arm carries weight: the tilt of its base cannot be measured")
+        raise InputError("no joint of this arm carries weight, so the tilt of its base cannot be measured")
     gain = _entry(fit.gain, "1")
     return values, {"torque_gain": gain, "coulomb_friction": coulomb, "residual_rms": rms_nm}
 
@@ -205,7 +205,7 @@ def print_usage_hint(calibration: Calibration, path: Path, options: RunOptions) 
     stderr.print(f"  calibration: {safe(line.strip())}", soft_wrap=True)
     wire = " --wire" if calibration.source == "emulated" else ""
     if wire:
-        stderr.print("It was made with emulated devices: use it with --wire; a real arm refuses it.")
+        stderr.print("It was made with emulated devices, so use it with --wire; a real arm refuses it.")
     if is_shipped:
         copy = Path(f"my_{options.robot}")
         console.next_steps(

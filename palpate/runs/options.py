@@ -124,7 +124,7 @@ class CalibrateOptions(RunOptions):
 
     from_: Annotated[
         Path | None,
-        Option("--from", help="Compute the calibration from this file; nothing moves.", metavar="FILE"),
+        Option("--from", help="Compute the calibration from this file, without the arm.", metavar="FILE"),
     ] = None
     out: Annotated[Path | None, Option("--out", "-o", help="Calibration file to write (YAML).")] = None
     session: Annotated[Path | None, Option(help="Session file to write.")] = None
@@ -200,8 +200,8 @@ def ask_for_power(motion: str, *, yes: bool, pause: Callable[[float], None] = ti
     """
     if not yes and not sys.stdin.isatty():
         raise InputError(
-            "a real arm would get power, which a person must confirm: run this in a terminal, "
-            "or add --yes (--wire emulates the devices instead)"
+            "a person must confirm before a real arm gets power; run this in a terminal, or add --yes "
+            "(or --wire, to emulate the devices)"
         )
     stderr = console.stderr()
     stderr.print(f"[bold]{safe(motion)}[/bold]")
@@ -211,7 +211,7 @@ def ask_for_power(motion: str, *, yes: bool, pause: Callable[[float], None] = ti
         if sys.stdin.readline().strip().lower() not in ("y", "yes"):
             raise InputError("permission to power the arm denied: nothing has moved")
     for left_s in range(COUNTDOWN_S, 0, -1):
-        stderr.print(f"power in {left_s} s; Ctrl-C stops it")
+        stderr.print(f"power in {left_s} s; Ctrl-C cancels")
         pause(1.0)
 
 
@@ -239,10 +239,10 @@ def ask_for_pose(pose_rad: Sequence[float], *, yes: bool) -> None:
         return
     if not sys.stdin.isatty():
         raise InputError(
-            "a person must bring the arm into the pose: run this in a terminal, or, once it is held there, "
-            "add --yes"
+            "a person must bring the arm into the pose; run this in a terminal, or add --yes once the arm is "
+            "held there"
         )
     pose = ", ".join(f"{angle:.4g}" for angle in pose_rad)
     console.stderr().print(f"Bring the arm into the pose {pose} rad, hold it there, and press Enter")
     if not sys.stdin.readline():
-        raise InputError("the input ended before Enter was pressed: the pose is not confirmed")
+        raise InputError("the input ended before Enter was pressed, so the pose is not confirmed")

@@ -123,8 +123,8 @@ def check_duration(plan: ProbingPlan, rate_hz: float) -> None:
     """
     if plan.shortest_s * rate_hz > MOST_TICKS:
         raise InputError(
-            f"the plan takes {plan.shortest_s / 3600:.3g} h or more, and a session holds "
-            f"{MOST_TICKS / rate_hz / 3600:.3g} h at {rate_hz:g} Hz: plan fewer runs, shorter holds "
+            f"the plan takes {plan.shortest_s / 3600:.3g} h or more, but a session holds at most "
+            f"{MOST_TICKS / rate_hz / 3600:.3g} h at {rate_hz:g} Hz; plan fewer runs, shorter holds "
             "or faster approaches"
         )
 
@@ -148,7 +148,7 @@ def run_probing(job: ProbingJob, watcher: Watcher = NO_WATCHER) -> ProbingOutcom
         estimator = registry[job.online]()
         if not isinstance(estimator, OnlineEstimator | OnlineContactLaw):
             valid = ", ".join(online_estimators())
-            raise InputError(f"estimator '{job.online}' needs all samples at once. Online: {valid}")
+            raise InputError(f"estimator '{job.online}' needs all samples at once. Valid online: {valid}")
         online = OnlineContactEstimator(estimator, gains_of(robot_file).touch)
     phases: set[Phase] = set()
 
@@ -205,7 +205,7 @@ def references_of(session: Session) -> ReferenceTrajectory:
     count = int(np.flatnonzero(at_rest)[-1]) + 1 if at_rest.any() else 0
     repeated = ticks.select(np.arange(len(ticks)) < count)
     if not (repeated["run"] != NO_RUN).any():
-        raise InputError(f"{session.path}: holds no complete run that ended at rest; nothing to repeat")
+        raise InputError(f"{session.path}: holds no complete run that ended at rest and could be repeated")
     return ReferenceTrajectory(
         repeated["time_s"] - repeated["time_s"][0],
         repeated.vector("reference_position_rad"),

@@ -136,7 +136,7 @@ def emulate(
         {name: bus.driver for name, bus in file.buses.items()} for file in (as_built, robot_file)
     )
     if built != expected:
-        raise InputError(f"{as_built.path}: its buses {built} are not those of {robot_file.path}, {expected}")
+        raise InputError(f"{as_built.path}: has buses {built}, but {robot_file.path} has {expected}")
     arm = wire_up(as_built, scenario, clock)
     data: Any = deepcopy(robot_file.document.data)
     for name, bus in arm.robot_file.buses.items():  # only the addresses of devices change

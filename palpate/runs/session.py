@@ -132,7 +132,8 @@ class ArmSession:
             except DeviceError as error:
                 if not result.cause:
                     raise
-                raise DeviceError(f"the arm was stopped: {result.cause}; then: {error}") from error
+                cause = f"the arm was stopped: {result.cause}"
+                raise DeviceError(f"{cause}; then its devices failed to close: {error}") from error
         return replace(result, deactivation_error="")
 
 

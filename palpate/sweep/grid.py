@@ -46,7 +46,8 @@ class ParameterRange(FileModel):
         """Return all numbers of the range; raise `InputError` if there are too many."""
         steps = (self.to - self.from_) / self.step + 1e-9
         if steps >= MOST_CASES:  # may be infinite
-            raise InputError(f"{steps:.3g} numbers from {self.from_:g} to {self.to:g}; at most {MOST_CASES}")
+            numbers = f"{steps:.3g} numbers from {self.from_:g} to {self.to:g}"
+            raise InputError(f"{numbers}; at most {MOST_CASES} are allowed")
         return [round(self.from_ + i * self.step, 12) for i in range(max(math.floor(steps) + 1, 0))]
 
 
@@ -128,7 +129,7 @@ class GridFile(FileModel):
                     choices[name] = list(value) if isinstance(value, list | tuple) else [value]
             given.append(choices)
         if (objects := sum(math.prod(map(len, entry.values())) for entry in given)) > MOST_CASES:
-            raise InputError(f"{objects:.3g} objects; at most {MOST_CASES} cases")
+            raise InputError(f"{objects:.3g} objects; at most {MOST_CASES} are allowed")
         if not objects:
             raise InputError("objects: a list or range of numbers is empty")
         return [

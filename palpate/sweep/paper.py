@@ -170,7 +170,7 @@ def grid_section(rows: Sequence[Row], clean: Sequence[Row]) -> ReportSection:
         "its own uncertainty instead of being set to the touch. Samples are chosen by time, not by force, "
         "which would bias k. The paper's least squares is worst where c is large. A delayed velocity would "
         "have this effect, but the paper does not state how it computes the velocity. Methods that need a "
-        "known surface receive that of least squares.",
+        "known surface receive the one that least squares estimates.",
         f"For c = 0 there is no relative error; the estimate of {best} is then at most "
         f"{np.abs(zero).max(initial=0.0):.3f} N s/m.",
     )

@@ -64,16 +64,14 @@ class TeleopDemo:
     def force_summary(self) -> str:
         """Describe the difference between felt and real force."""
         if not len(self.rendered.real_n):
-            return "there was no touch after the first estimate: the felt force cannot be compared"
+            return "there was no touch after the first estimate, so the felt force cannot be compared"
         settled, stalled = self.rendered.settled(), int(self.rendered.stalled.sum())
-        late = (
-            f", and without {count(stalled, 'sample')} of touches that began while the machine missed ticks"
-        )
+        late = f" and {count(stalled, 'sample')} of touches that began while the machine missed ticks"
         return (
-            f"felt force: it differs from the real force by {100.0 * settled.share:.2g} % rms after "
-            f"the first estimate, without the first {1e3 * TOUCH_S:g} ms of every touch, where "
-            f"passivity withholds part of the damper's jump{late if stalled else ''}; with all "
-            f"samples it differs by {100.0 * self.rendered.share:.2g} %"
+            f"felt force: differs from the real force by {100.0 * settled.share:.2g} % rms after the first "
+            f"estimate, not counting the first {1e3 * TOUCH_S:g} ms of every touch (passivity then withholds "
+            f"part of the damper's force){late if stalled else ''}; in all samples, it differs by "
+            f"{100.0 * self.rendered.share:.2g} %"
         )
 
 

@@ -92,7 +92,7 @@ class FollowerMessaging(threading.Thread):
         def drop_targets() -> None:
             self._seen = ()
             self.queue.clear()
-            say("another leader has started: the targets of the previous leader are dropped")
+            say("another leader has started, so the targets of the previous leader are dropped")
 
         self.link = Messaging(line, clock, take=take, on_new_peer=drop_targets)
 
@@ -115,7 +115,7 @@ class FollowerMessaging(threading.Thread):
                 self._exchange()
         except Exception as error:  # a follower that cannot send continues as if the leader were silent
             self.error = error_text(error)
-            self._say(f"the link failed, no further target is probed: {self.error}")
+            self._say(f"the link failed, so no further target is probed: {self.error}")
         finally:
             self.queue.linked = False
 
@@ -144,7 +144,7 @@ class FollowerMessaging(threading.Thread):
         if changed and self.queue.linked:
             self._say("the leader responds")
         elif changed:
-            self._say("the leader is silent: no further target is probed")
+            self._say("the leader is silent, so no further target is probed")
         if problem := self.link.problem():
             self.notes.append(("link", problem, {}))
             self._say(problem)
@@ -324,7 +324,7 @@ def run_follower(job: FollowerJob, say: Say) -> FollowerOutcome:
         observer = Observer(messaging, arm.log, robot_file.joint_count, len(job.plan.runs()))
         messaging.start()
         if line.is_open_here:
-            say("no --key: any program on this machine can command the arm; other machines cannot connect")
+            say("without --key, any program on this machine can command the arm; other machines cannot")
         say("waiting for a leader; Ctrl-C brings the arm to rest")
         result = arm.run(task, observer.observe)
         messaging.report_end(result.cause)

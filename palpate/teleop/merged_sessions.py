@@ -116,8 +116,8 @@ class MergedSessions:
         scaled = ((s, "s") if s >= 1.0 else (1e3 * s, "ms") for s in durations_s)
         error, drift = (f"{significant(size, size)} {unit}" for size, unit in scaled)
         return (
-            f"the follower's times are shown on the leader's clock; their offset is measured within {error} "
-            f"(half the shortest round trip), and drifted by {drift} over the session"
+            f"the follower's times are shown on the leader's clock; the clocks' offset is known to within "
+            f"{error} (half the shortest round trip) and drifted by {drift} over the session"
         )
 
     @property
@@ -145,7 +145,8 @@ class MergedSessions:
                 f"of up to {gap_ms:.3g} ms"
             )
         if self.slipped_share > _TOO_SLOW:
-            clauses.append(f"the follower's clock lost {100.0 * self.slipped_share:.2g} % of its time")
+            share = f"{100.0 * self.slipped_share:.2g} %"
+            clauses.append(f"the follower's clock ran {share} slower than the leader's")
         return clauses
 
     def to_leader(self, follower_s: FloatArray) -> FloatArray:

@@ -47,7 +47,7 @@ def force_law(terms: Sequence[ContactModel]) -> ForceLaw:
         InputError: a law or effect does not exist, or a value is out of its range.
     """
     if not terms:
-        raise InputError("an object without a contact law")
+        raise InputError("the object has no contact law")
     law, *entries = (dict(zip(term.keys, term.values, strict=True)) for term in terms)
     contact = parse_contact_law({"name": terms[0].name, **law})
     named = zip(terms[1:], entries, strict=True)

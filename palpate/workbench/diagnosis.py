@@ -185,7 +185,7 @@ def score_riddle(truth: Set[str], guessed: Set[str], named: Set[str], alike: Set
     text = f"The hidden effect: {_listed(truth)}. You said {_listed(guessed)}: {rated(guessed)}. "
     text += f"The diagnosis said {_listed(named)}: {rated(named)}."
     if alike & truth and (others := alike - named):
-        text += f" It adds that these data cannot tell this from {_listed(others, ' or ')}."
+        text += f" The diagnosis adds that these data cannot tell its answer from {_listed(others, ' or ')}."
     return text
 
 
@@ -205,12 +205,12 @@ def riddle_card(state: WorkbenchState, diagnose: Callable[[], Awaitable[None]]) 
         """Diagnose, open the sealed answer and score both."""
         guessed = set(state.choice.effects)
         button.disable()
-        answer.set_text("the diagnosis is also running")
+        answer.set_text("the diagnosis looks for the effect, too")
         await diagnose()
         button.enable()
         diagnosis, path = state.diagnosis, state.study.source.path
         if diagnosis is None or path is None:
-            answer.set_text("stopped: the sealed answer was not opened")
+            answer.set_text("the diagnosis was stopped, so the sealed answer was not opened")
             return
         try:
             opened = await asyncio.to_thread(lambda: open_answer(Session.open(path)))

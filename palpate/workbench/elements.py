@@ -179,7 +179,7 @@ MAP = (
     "A cell with one or two samples shows the mean of its block of neighboring cells."
 )
 BUDGET = f"Shares of the base model's squared error in held-out runs, by kind of effect. {RANGE_MEANING}"
-STALE = "Still for the effects that were ticked before; the new result is being computed."
+STALE = "This result is for the effects that were ticked before; the new one is being computed."
 EVIDENCE = "Share of the held-out error that this effect removes in addition to the other ticked effects."
 ALIKE = (
     "According to the diagnosis. Before a diagnosis: effects that change the model in nearly the same way "
@@ -201,15 +201,15 @@ HELD_OUT = (
 CURSORS = "Click on the curves to set cursor A or B, or type a time: values and differences are read there."
 KEEP = "Keep the chosen effects as a revision, as palpate add does; go back to it at any time."
 NOT_KEPT = ": the fit of all parameters; values of sliders, held values and bounds are not kept"
-REVISIONS = "Models of these runs that were kept, here or by the command line; choose one to go back to it."
-GATES = "Checked before fitting: a fit to unsuitable data gives wrong parameters."
+REVISIONS = "Models of these runs that were saved here or by a command; choose one to go back to it."
+GATES = "Data are checked before fitting, because a fit to unsuitable data gives wrong parameters."
 DIAGNOSE = (
     "Show which kinds of effects make up the error and which effects are missing; takes a while, "
     "and can be stopped."
 )
 VERDICTS = {
     "adequate": "These data show no missing effect.",
-    "missing": "These effects are missing; the form of each is exact, or marked as approximate.",
+    "missing": "These effects are missing; the form of each is exact unless it is marked as approximate.",
     "unexplained": "Something is missing; no effect in the library has its form.",
     "insufficient": "No verdict is possible with these data; the reason says what to record.",
 }
@@ -218,7 +218,7 @@ GATE = {
     "units": "units and times are consistent",
     "sync": "effort and motion agree in time and sign",
     "excitation": "excitation: the object is touched, and the signals change",
-    "readings": "readings: their resolution is fine enough, and no sign was lost",
+    "readings": "readings: their resolution is fine enough, and they have kept their signs",
     "saturation": "the sensor is not saturated",
 }
 EFFECTS = "Physical causes that the base model lacks; tick one to add it, untick it to remove it."

@@ -80,7 +80,7 @@ def _options_of(columns: Sequence[ColumnGuess]) -> ImportOptions:
     used = [column for column in columns if column.quantity]
     names = [column.quantity for column in used]
     if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise InputError(f"several columns are chosen as {twice[0]}; choose one")
+        raise InputError(f"several columns are assigned to {twice[0]}; assign only one")
     units = {column.name: column.unit for column in used if column.unit and column.quantity != RUN}
     return ImportOptions(columns={column.quantity: column.name for column in used}, units=units)
 

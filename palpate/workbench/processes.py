@@ -103,7 +103,7 @@ def running_diagnosis() -> DiagnosisProcess | None:
 def stop_diagnoses() -> None:
     """Stop the running diagnosis when the server ends, which would otherwise wait for it."""
     if (diagnosis := running_diagnosis()) is not None:
-        console.warn("the server ended during a diagnosis, which was stopped and has no result")
+        console.warn("the server ended during a diagnosis, so the diagnosis has no result")
         diagnosis.stop()
 
 

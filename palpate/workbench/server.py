@@ -180,7 +180,7 @@ def open_page(study: "Study", port: int = 0, *, browser: bool = True) -> PageAdd
         InputError: the port is taken, or a page is open already.
     """
     if _pages:
-        raise InputError(f"workbench(): a page is already open at {_pages[0]}; one at a time")
+        raise InputError(f"workbench(): a page is already open at {_pages[0]}; close it first")
     early = EarlyServer(port)
     address = PageAddress(f"http://{LOOPBACK}:{early.port}")
     home = AppState(Path(), state=WorkbenchState(study))

@@ -49,11 +49,14 @@ _ENDS = {
         "an effect seen in an earlier probe is too small to be significant in all probes together"
     ),
     StopReason.UNEXPLAINED: (
-        "no effect of the library explains the remaining error, as far as this arm can show"
+        "no effect of the library explains the remaining error, and no experiment of this arm is expected to "
+        "help"
     ),
     StopReason.INSEPARABLE: "no experiment of this arm is expected to separate the remaining explanations",
     StopReason.PROBES: "the budget of probes is used up",
-    StopReason.SECONDS: "the experiment that would separate them takes longer than the remaining time",
+    StopReason.SECONDS: (
+        "the experiment that would separate the explanations takes longer than the remaining time"
+    ),
     StopReason.INSUFFICIENT: "the data allow no verdict",
 }
 

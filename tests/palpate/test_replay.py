@@ -74,7 +74,7 @@ def test_replay_in_another_world_shows_its_object_and_names_the_session(recorded
 def test_real_arm_gets_no_power_without_a_question(recorded, tmp_path, monkeypatch):
     monkeypatch.setattr(probing, "_check_arm", lambda *_: None)  # as if this arm had made the session
     result = run("replay", recorded, "--robot", "robots/dynamixel_3dof.yaml", "-o", tmp_path / "t.mcap")
-    assert_refused(result, "a real arm would get power", "--yes")
+    assert_refused(result, "a person must confirm before a real arm gets power", "--yes")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -180,7 +180,7 @@ def test_difference_from_a_value_near_zero_has_no_percentage(first, share):
     told = list(_compare_parameters(sides, lacks_effects=False))
     assert told == [f"bias.value differs: 5.0 ± 2.8 N {share}.".replace(" .", ".")]
     (doubtful,) = _compare_parameters(sides, lacks_effects=True)
-    assert doubtful.endswith(", which may come from what the models lack.")
+    assert doubtful.endswith(", which may come from missing effects.")
 
 
 def test_another_motion_is_not_paired(soft, again, tmp_path):

@@ -111,12 +111,16 @@ def test_accepted_effect_is_named_for_complete_and_incomplete_models(complete, a
 @pytest.mark.parametrize(
     ("errors", "is_bound", "words"),
     [
-        ((0.0871, 0.01035, 0.01035), False, "second, does next to nothing: from 0.01035 to 0.01035 N."),
-        ((0.0871, 0.01035, 0.02), False, "last step, second, makes it worse: from 0.01035 to 0.02000 N."),
+        ((0.0871, 0.01035, 0.01035), False, "second, hardly reduces the error: from 0.01035 to 0.01035 N."),
+        (
+            (0.0871, 0.01035, 0.02),
+            False,
+            "last step, second, increases the error: from 0.01035 to 0.02000 N.",
+        ),
         ((0.0871, 0.05, 0.01), False, "down to the noise."),
         ((0.0871, 0.03), False, "3.0 times the noise."),
-        ((0.0871, 0.0870), False, "does not fall: from 0.0871 to 0.0870 N."),
-        ((0.3, 0.01), True, "to what may be noise."),
+        ((0.0871, 0.0870), False, "does not fall (0.0871 before, 0.0870 N now)."),
+        ((0.3, 0.01), True, "which may be noise."),
         ((0.3, 0.02), True, "to at least 2.0 times the noise."),
     ],
 )

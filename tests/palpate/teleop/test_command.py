@@ -41,7 +41,7 @@ def test_bad_input_is_one_line(arguments, words, tmp_path, monkeypatch):
         *((text, ["operator.yaml"]) for text in ("- scripted", "device: [mouse]")),
         (  # an arm in the operator's hand gets no power without permission
             f"device: leader_arm\nrobot: {find_robot('follower').path}\n",
-            ["which a person must confirm", "--yes"],
+            ["a person must confirm before a real arm gets power", "--yes"],
         ),
     ],
 )

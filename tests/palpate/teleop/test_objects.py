@@ -90,7 +90,7 @@ def test_law_with_memory_is_rendered_like_in_the_simulated_world():
 @pytest.mark.parametrize(
     ("terms", "words"),
     [
-        ((), "without a contact law"),
+        ((), "no contact law"),
         ((ContactModel("rubber", (), ()),), "rubber"),
         ((ContactModel("kelvin_voigt", ("stiffness_n_m", "damping_n_s_m"), (-1.0, 0.0)),), "stiffness_n_m"),
         ((*estimate().model, ContactModel("gravity_tilt", ("pitch_rad",), (0.1,))), "does not act between"),

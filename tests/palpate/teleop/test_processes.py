@@ -63,7 +63,7 @@ def test_killed_leader_leaves_the_arm_safe_and_a_new_leader_connects(tmp_path, o
         second.until(lambda _: intent(ended=True), lambda side: getattr(side.last, "ended", False))
         output, _ = process.communicate(timeout=WAIT_S)
     assert process.returncode == 0, output
-    assert "no --key: any program on this machine can command the arm" in output
+    assert "without --key, any program on this machine can command the arm" in output
     kept = Session.open(session)
     assert states(kept)[0] == ending
     assert "link_silent" in [event.kind for event in kept.events]
@@ -151,7 +151,7 @@ def test_merged_sessions_share_one_clock_and_rendered_force_equals_real_force(tm
     slack_s = 2.0  # what a simulated clock may slip on a busy machine while an offset is held for the best
     assert chosen < begun + slack_s < made + slack_s < felt + 2 * slack_s  # the order, across both clocks
     result = done("inspect", sessions["follower"], sessions["leader"], "--save", tmp_path / "both.rrd")
-    assert "the follower's times are shown on the leader's clock; their offset" in result.stdout
+    assert "the follower's times are shown on the leader's clock; the clocks' offset" in result.stdout
     assert_refused(run("inspect", sessions["leader"]), "give its follower's session as well")
     assert_refused(run("inspect", sessions["leader"], sessions["leader"]), "a leader and of its follower")
 

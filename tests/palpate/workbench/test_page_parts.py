@@ -403,7 +403,7 @@ def test_dropped_file_is_kept_once_and_its_columns_can_be_corrected(browser, mon
         assert browser.marked("problem").text == ""
         crosshead.value = "force"
         await browser.press("Use these columns")
-        assert "several columns are chosen as force" in browser.marked("problem").text
+        assert "several columns are assigned to force" in browser.marked("problem").text
         crosshead.value, refused[:] = file_drop.NOTHING, ["Load: add --unit force=N"]
         await browser.press("Use these columns")
         assert browser.marked("problem").text.startswith("Load: add --unit force=N (on this page, choose")
@@ -471,7 +471,7 @@ def test_diagnosis_ends_with_the_server_even_while_it_plans_an_experiment(monkey
     processes.stop_diagnoses()
     with pytest.raises(StoppedError, match="nothing was changed"):
         running.note("design", 0.9)
-    assert "was stopped and has no result" in capsys.readouterr().err
+    assert "so the diagnosis has no result" in capsys.readouterr().err
     processes.RUNNING.clear()
     processes.stop_diagnoses()
     assert capsys.readouterr().err == ""
@@ -618,7 +618,10 @@ def test_riddle_opens_the_answer_only_after_a_diagnosis(browser, tmp_path, monke
         await browser.press("That is it")
         assert browser.marked("guess").enabled
         said = browser.marked("score").text
-        expected = {None: "stopped: the sealed answer was not opened", "spoilt": "the answer is damaged"}
+        expected = {
+            None: "the diagnosis was stopped, so the sealed answer was not opened",
+            "spoilt": "the answer is damaged",
+        }
         words = f"The hidden effect: {hidden}. You said bias: wrong. The diagnosis said lag: {rated}"
         assert said.startswith(expected.get(hidden, words))
         assert "Riddle" in [each.text for each in browser.all() if each.tag == "h2"]

@@ -476,7 +476,7 @@ def test_model_effects_and_held_out_runs_survive_a_data_change(press, tmp_path):
 def test_riddle_is_scored_against_the_diagnosis(guessed, said):
     told = score_riddle({"delay"}, guessed, {"lag"}, {"lag", "delay"})
     assert said in told
-    assert "cannot tell this from delay." in told
+    assert "cannot tell its answer from delay." in told
     alone = score_riddle(*[{"lag"}] * 4)  # an effect is not its own alternative
     assert alone.endswith("The diagnosis said lag: right.")
 
