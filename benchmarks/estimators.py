@@ -22,7 +22,6 @@ from sklearn.linear_model import HuberRegressor, LinearRegression, RANSACRegress
 from palpate.estimation.contact_estimators import CONTACT_ESTIMATORS
 from palpate.estimation.estimator import ContactLaw, OnlineContactLaw, OnlineEstimator
 from palpate.estimation.estimators import ESTIMATORS
-from palpate.estimation.estimators.recursive import Sprls
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 
@@ -36,7 +35,6 @@ NOISES = {
     "2 %, 30 % outl.": Noise(0.005, 0.02, 0.3),
 }
 SLOW_DRAWS = 5  # for methods that take a tenth of a second
-CHANGE, RUN = 3000, 4000  # sample at which the stiffness changes, and number of samples
 
 Method = Callable[[Press, FloatArray, int], FloatArray]
 
@@ -135,49 +133,13 @@ def table(title: str, press: Press, methods: Mapping[str, Method], draws: int) -
     print_table(title, ("", *NOISES, "time"), rows)
 
 
-def step_study() -> None:
-    """Print the online scatter of k and the time to follow a step from 500 to 1000 N/m (noise 10 and 2 %)."""
-    t = np.arange(RUN) * 1e-3
-    depth = 0.008 + 0.004 * np.sin(10 * np.pi * t) + 0.0025 * np.sin(16 * np.pi * t + 1)
-    columns = np.column_stack([depth, np.gradient(depth, 1e-3)])
-    force_n = np.where(np.arange(RUN) < CHANGE, 500.0, 1000.0) * depth + 20.0 * columns[:, 1]
-    rows = []
-    for name, kind in ESTIMATORS.items():
-        if not issubclass(kind, OnlineEstimator):
-            continue
-        cells, updates = [], []
-        for share in (0.1, 0.02):
-            ratios, late = [], []
-            for seed in range(SLOW_DRAWS):
-                noise_n = np.hypot(0.005, share * force_n) * np.random.default_rng(seed).standard_normal(RUN)
-                stiffness, taken = follow(kind(), columns, force_n + noise_n)
-                sprls, _ = follow(Sprls(), columns, force_n + noise_n)
-                ratios.append(np.var(stiffness[1500:CHANGE]) / np.var(sprls[1500:CHANGE]))
-                beyond = np.flatnonzero(np.abs(stiffness[CHANGE:] - 1000.0) > 50.0)
-                late.append(int(beyond[-1]) + 1 if len(beyond) else 0)
-                updates.append(taken)
-            ms = f"{np.median(late):.0f}" if np.median(late) < RUN - CHANGE else "never"
-            cells.append(f"{np.mean(ratios):.3g}, {ms}")
-        rows.append((name, *cells, f"{1e6 * np.median(updates):.2f} us"))
-    title = "Online, motion of 5 and 8 Hz: variance of k at rest over SPRLS's, ms until k stays within 5 %"
-    print_table(title, ("", "10 % of force", "2 % of force", "an update"), rows)
-
-
-def follow(estimator: OnlineEstimator, rows: FloatArray, force_n: FloatArray) -> tuple[FloatArray, float]:
-    """Return the stiffness after each sample, and the mean processor time of an update [s]."""
-    estimator.start(rows.shape[1])
-    begun = time.process_time()
-    gains = [estimator.update(row, force)[0] for row, force in zip(rows, force_n.tolist(), strict=True)]
-    return np.array(gains), (time.process_time() - begun) / len(gains)
-
-
 def main() -> None:
     """Print all tables."""
     parser = arguments(__doc__)
     parser.add_argument("--draws", type=int, default=100, help="of each noise")
-    parser.add_argument("--only", help="two tables with these methods alone, with commas between them")
+    parser.add_argument("--only", help="these methods alone, with commas between them")
     chosen = parser.parse_args()
-    draws, only = chosen.draws, chosen.only.split(",") if chosen.only else None
+    only = chosen.only.split(",") if chosen.only else [*ESTIMATORS, *CONTACT_ESTIMATORS, *OTHERS]
     flat: Mapping[str, Method] = {name: partial(linear, name) for name in ESTIMATORS} | OTHERS
     laws = (name for name, each in CONTACT_ESTIMATORS.items() if each.model == "hunt_crossley")
     curved = {name: partial(contact, name) for name in laws} | {"scipy cauchy": cauchy}
@@ -185,9 +147,7 @@ def main() -> None:
         ("Kelvin-Voigt", KELVIN_VOIGT, flat),
         ("Hunt-Crossley", HUNT_CROSSLEY, curved),
     ):
-        table(title, press, {name: methods[name] for name in methods if not only or name in only}, draws)
-    if not only:
-        step_study()
+        table(title, press, {name: methods[name] for name in methods if name in only}, chosen.draws)
 
 
 if __name__ == "__main__":

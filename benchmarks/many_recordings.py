@@ -1,17 +1,15 @@
-"""Measure the cost and the findings of many recordings, which plain numpy generates, except the sessions.
+"""Measure the cost and the findings of many recordings, which plain numpy generates.
 
 python benchmarks/many_recordings.py --part speed --recordings 40  # of 5,000 samples
 python benchmarks/many_recordings.py --part memory --rows 100000    # peak memory of the client
 python benchmarks/many_recordings.py --part pooled --repeats 5      # effects half as large as the noise
 python benchmarks/many_recordings.py --part trend --repeats 20 --years 4
-python benchmarks/many_recordings.py --part sessions --recordings 1000  # of the simulated arm
 """
 
 import multiprocessing
 import os
 import resource
 import time
-from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from datetime import date, timedelta
@@ -20,19 +18,14 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet as parquet
-from harness import arguments, parallel, run_palpate
+from harness import arguments, run_palpate
 from threadpoolctl import threadpool_limits
 
 import palpate
 from palpate.batches import run as batch_run
 from palpate.batches.tasks.measuring import measure
 from palpate.batches.trend import Series, find_changes
-from palpate.control.probing.plan import ProbingPlan
 from palpate.estimation.data.import_options import NO_OPTIONS
-from palpate.runs.probing import ProbingJob, run_probing
-from palpate.runs.robots import find_robot
-from palpate.sim_backend.scenario import load_scenario
 from palpate.sweep import Case, Cluster, ResultStore
 from palpate.sweep.runner import Progress, SweepReport
 
@@ -206,54 +199,6 @@ def trend(folder: Path, repeats: int, years: int, seed: int) -> None:
     print(f"{years} quiet years of four series, tested nightly: {alarms} alarms, in {alarmed} years")
 
 
-def write_session(path: Path, seed: int) -> dict[str, Any]:
-    """Probe an object at three speeds; every third one also relaxes or stiffens. Return the true values."""
-    kind = ("plain", "relaxing", "stiffening")[seed % 3]
-    stiffness_n_m = float(400.0 * (1.0 + 0.1 * np.random.default_rng(seed).standard_normal()))
-    relaxing = {"effect": "stress_relaxation", "stiffness_n_m": 150.0, "time_s": 0.15}
-    stiffening = {"effect": "cubic_stiffness", "cubic_n_m3": 4e5}
-    hidden = {"plain": [], "relaxing": [relaxing], "stiffening": [stiffening]}[kind]
-    law = {"name": "kelvin_voigt", "stiffness_n_m": stiffness_n_m, "damping_n_s_m": 20.0}
-    world = load_scenario({"seed": seed, "object": {"law": law}, "hidden": hidden})
-    plan = ProbingPlan(speeds_m_s=(0.15, 0.12, 0.09), hold_s=0.3)
-    job = ProbingJob(find_robot("follower"), path, plan, scenario=world, online=None)
-    run_probing(job).raise_for_failure()
-    return {"file": path.name, "kind": kind, "stiffness_n_m": stiffness_n_m}
-
-
-def sessions(folder: Path, number: int, seed: int) -> None:
-    """Probe simulated objects of three kinds; compare all, and count the effects found in a tenth of them."""
-    (data := folder / "data").mkdir()
-    begun_s, seeds = time.perf_counter(), range(3000 * seed, 3000 * seed + number)
-    jobs = [(data / f"s{item}.mcap", item) for item in seeds]
-    truths = list(parallel(write_session, jobs, 2, in_order=True))
-    print(f"{number} sessions simulated in {time.perf_counter() - begun_s:.0f} s", flush=True)
-    tables = {}
-    for what, some, options in (
-        ("all", truths, ()),
-        ("tenth", truths[: max(1, number // 10)], ("--diagnose",)),
-    ):
-        chosen, out = folder / f"{what}.csv", folder / what
-        chosen.write_text("file,kind\n" + "".join(f"data/{t['file']},{t['kind']}\n" for t in some))
-        ended = run_palpate("batch", chosen, "--out", out, "--group", "kind", "--reports", 0, *options)
-        print(f"batch of {len(some)} {' '.join(options)}: {ended.wall_s:.0f} s", flush=True)
-        rows = parquet.read_table(out / "table.parquet").to_pylist()
-        tables[what] = [row for row in rows if not row.get("error")]
-        print(f"  {len(rows) - len(tables[what])} of {len(rows)} rows failed")
-    for kind, channel in sorted({(row["group"], row["channel"]) for row in tables["tenth"]}):
-        rows = [row for row in tables["tenth"] if (row["group"], row["channel"]) == (kind, channel)]
-        said = Counter(" ".join(filter(None, (row["verdict"], row["effects"]))) for row in rows)
-        print(f"  {kind}, {channel}:", ", ".join(f"{count} {text}" for text, count in said.most_common()))
-    name, truth = "stiffness.k", {entry["file"]: entry["stiffness_n_m"] for entry in truths}
-    scores = [
-        (row[f"{name} [N/m]"] - truth[Path(row["files"]).name]) / row[f"{name} std_err [N/m]"]
-        for row in tables["all"]
-        if (row["channel"], row["group"]) == ("contact", "plain") and row[f"{name} std_err [N/m]"]
-    ]
-    inside = np.abs(scores) < 1.96
-    print(f"  95 % intervals of the stiffness that hold the truth: {np.mean(inside):.1%} of {len(scores)}")
-
-
 def series(values: np.ndarray, errors: np.ndarray) -> Series:
     """Make a series of one value per night, of shape (n,), with standard errors (n,)."""
     nights = np.arange(len(values))
@@ -265,7 +210,6 @@ PARTS: dict[str, tuple[Callable[..., None], tuple[str, ...]]] = {  # with the op
     "memory": (memory, ("rows",)),
     "pooled": (pooled, ("repeats", "seed")),
     "trend": (trend, ("repeats", "years", "seed")),
-    "sessions": (sessions, ("recordings", "seed")),
 }
 
 
@@ -277,7 +221,7 @@ def main() -> None:
     parser.add_argument("--rows", type=int, default=20_000)
     parser.add_argument("--repeats", type=int, default=3, help="batches of pooled and trend")
     parser.add_argument("--years", type=int, default=1)
-    parser.add_argument("--seed", type=int, default=0, help="of pooled, trend and sessions")
+    parser.add_argument("--seed", type=int, default=0, help="of pooled and trend")
     asked = parser.parse_args()
     part, names = PARTS[asked.part]
     with TemporaryDirectory() as folder:
