@@ -15,7 +15,9 @@ _ROUGH_ERROR = 0.25  # relative standard error above which a parameter counts as
 _MIN_ERROR = 1e-6  # least plausible standard error, scaled to effort, relative to the residuals
 _ROUNDING_SHARE = 1e-9  # share of the effort below which residuals are rounding errors
 _RELEVANT_SHARE = 0.01  # uncertainty relative to the effort above which it is reported
-_NOISE_FREE_NOTE = "most samples are exactly alike, and the others do not fit: leave out samples at rest"
+_NOISE_FREE_NOTE = (
+    "most samples are identical, and the model does not fit the rest; leave out samples at rest"
+)
 
 
 @dataclass(frozen=True)
@@ -57,10 +59,10 @@ def assess_parameters(
     all_no = (Determined.NO,) * len(names)
     if not column_rms.all():
         unexcited = _join_names(names, column_rms == 0)
-        return Assessment(Identifiability.NONE, f"{unexcited}: the motion does not excite it at all", all_no)
+        return Assessment(Identifiability.NONE, f"the motion does not excite {unexcited} at all", all_no)
     at_bound = unknown.any() and not unknown.all()
     if unknown.all() or (not at_bound and condition_of_gram(correlation) > SINGULAR):
-        note = f"{', '.join(names)} cannot be told apart: the motion excites them in a fixed ratio"
+        note = f"{', '.join(names)} cannot be told apart, because the motion excites them in a fixed ratio"
         return Assessment(Identifiability.NONE, note, all_no)
     effort_share = np.nan_to_num(covariance.std_err * column_rms / _rms(effort))
     low, high = covariance.intervals(values).T

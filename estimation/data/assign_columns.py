@@ -134,8 +134,9 @@ class ColumnAssignment:
             is_even = np.mean(np.abs(steps - usual) < _UNEVEN * usual) > _EVEN_SHARE
             if is_even and not COUNTERS.isdisjoint(words_of(name)):
                 return (
-                    f"if '{name}', which rises by {usual:.6g} a row, counts the time, add --column "
-                    f"time={shlex.quote(name)} --unit time=UNIT, the duration of one count, such as 0.001s"
+                    f"if '{name}', which rises by {usual:.6g} per row, counts the time, add --column "
+                    f"time={shlex.quote(name)} --unit time=UNIT, where UNIT is the duration of one count, "
+                    "such as 0.001s"
                 )
         return "if a column holds the time, add --column time=COLUMN"
 
@@ -239,7 +240,9 @@ def assign_columns(table: Table, options: ImportOptions) -> ColumnAssignment:
     return ColumnAssignment(table, assigned, run, phase, tuple(notes), two_sided, shift)
 
 
-_FAR_FROM_ZERO = 2.0  # ratio of a displacement's mean to its range above which its zero decides the stiffness
+_FAR_FROM_ZERO = (
+    2.0  # ratio of a displacement's mean to its range above which the stiffness depends on its zero
+)
 _ROW_NUMBER = "row number"  # column that stands for the time if there is none and its unit is given
 
 
@@ -375,8 +378,8 @@ def _subtract_deflection(
     unit = unit_in_name(column)
     if is_named or len(bases) != 1 or dimension_of(unit) != "length" or "deflection" not in column.lower():
         note = (
-            f"{fact} within rounding: one may have been computed from the other, or the displacement is "
-            "the deflection of the force sensor; if another column holds the displacement, add "
+            f"{fact} except for rounding, so one may have been computed from the other, or the displacement "
+            "may be the deflection of the force sensor; if another column holds the displacement, add "
             "--column displacement=COLUMN"
         )
         return table, chosen, [note]
@@ -385,8 +388,8 @@ def _subtract_deflection(
     scale *= np.sign(correlation_coefficient(base, way))
     name = f"{stem.strip()} minus {split_unit(column)[0].strip()} [{base_unit}]"
     note = (
-        f"{fact}, as the deflection of a force sensor or cantilever is: the displacement is '{bases[0]}' "
-        f"minus '{column}'; --column displacement={shlex.quote(column)} reads that column alone"
+        f"{fact}, like the deflection of a force sensor or cantilever, so the displacement is '{bases[0]}' "
+        f"minus '{column}'; to read '{column}' alone, add --column displacement={shlex.quote(column)}"
     )
     table = replace(table, columns=table.columns.append_column(name, pa.array(base - scale * way)))
     return table, chosen | {DISPLACEMENT: Role(name, *DISPLACEMENT, base_unit)}, [note]
@@ -419,8 +422,8 @@ def _note_other_columns(table: Table, chosen: Chosen, options: ImportOptions) ->
         is_checked = key[0] in (*EFFORTS, DISPLACEMENT[0]) and column not in options.columns.values()
         if is_checked and column in table.names and dimension and others:
             yield (
-                f"'{column}' is read as the {key[0]}, and not {list_first(others)}; if "
-                f"another column holds it, add --column {role.numbered}=COLUMN"
+                f"'{column}' is read as the {key[0]}, not {list_first(others)}; if another column holds the "
+                f"{key[0]}, add --column {role.numbered}=COLUMN"
             )
 
 
@@ -446,8 +449,8 @@ def _orient_signs(
     notes = []
     if keeps_sign:
         notes.append(
-            f"'{force.column}' holds absolute values according to its name, so its sign is kept, although "
-            f"it falls where '{depth.column}' rises; if another column holds the force with its sign, add "
+            f"according to its name, '{force.column}' holds absolute values, so its sign is kept although "
+            f"it falls where '{depth.column}' rises; if another column holds the signed force, add "
             "--column force=COLUMN"
         )
     if flipped:
@@ -457,42 +460,42 @@ def _orient_signs(
         if sides.never_free:  # an element in tension, which is never compressed
             reason = f"'{force.column}' and '{depth.column}' increase in opposite directions"
             signs = f"the sign of '{force.column}' is"
-        notes.append(f"{reason}: {signs} reversed; {keep} prevents this")
+        notes.append(f"{reason}, so {signs} reversed; to prevent this, add {keep}")
     if sides.zero_m and not scaled:
         result[DISPLACEMENT] = replace(result[DISPLACEMENT], zero=sides.zero_m)
         notes.append(
             f"the zero of '{depth.column}' is set to {sides.zero_m / result[DISPLACEMENT].factor:.6g} "
-            f"{depth.unit}, where the force begins; --unit displacement={depth.fixed_unit} keeps the "
-            "recorded zero, and `palpate add FILE contact_offset` fits it"
+            f"{depth.unit}, where the force begins; to keep the recorded zero, add --unit "
+            f"displacement={depth.fixed_unit}; to fit the zero, run `palpate add FILE contact_offset`"
         )
     is_named = depth.column in units.options.columns.values()
     if not sides.two_sided or (is_named and not sides.never_free):
         return result, False, ["; ".join(notes)] if notes else []
     names, quoted = f"'{depth.column}' and '{force.column}' take both signs", shlex.quote(depth.column)
-    contact = f"--column displacement={quoted} reads it as a contact"
+    contact = f"to read them as a contact, add --column displacement={quoted}"
     pulls = sides.elastic or is_named or POSITION in assigned
     if not pulls:
         note = (
-            f"{names}, but do not change sign together, as with a damper: they are read as a linear axis; "
-            f"{contact}"
+            f"{names} but, as with a damper, do not change sign together, so they are read as a linear "
+            f"axis; {contact}"
         )
         result = {POSITION if key == DISPLACEMENT else key: source for key, source in result.items()}
     elif sides.never_free:
         note = (
-            f"'{force.column}' varies at every displacement, so there is no free air: the data are "
+            f"'{force.column}' varies at every displacement, so there is no free air, and the data are "
             "read as an element held at both ends, without a surface"
         )
         recorded = depth.factor * units.table.numbers(depth.column)
         if abs(np.mean(recorded)) > _FAR_FROM_ZERO * np.ptp(recorded):
             note += (
-                f"; its displacement moves by only {1e3 * np.ptp(recorded):.2g} mm at "
-                f"{1e3 * np.mean(recorded):.2g} mm, so its zero decides the stiffness: subtract the "
+                f"; the displacement varies by only {1e3 * np.ptp(recorded):.2g} mm around "
+                f"{1e3 * np.mean(recorded):.2g} mm, so the stiffness depends on its zero; subtract the "
                 "displacement of the unloaded element"
             )
     else:
         note = (
-            f"{names} and change sign together: they are read as an element that pulls and pushes, without a "
-            f"surface; {contact}, --column position={quoted} as a linear axis"
+            f"{names} and change sign together, so they are read as an element that pulls and pushes, "
+            f"without a surface; {contact}; to read them as a linear axis, add --column position={quoted}"
         )
     return result, pulls, ["; ".join([*notes, note])]
 
@@ -531,7 +534,7 @@ def _with_one_rate(
     complete = np.logical_and.reduce([filled_by_name[name] for name in sparse])
     note = f"'{slowest}' has a value in {100.0 * sparse[slowest]:.2g} % of the rows"
     if np.sum(complete) >= max(_SHARED * np.sum(filled_by_name[slowest]), 1.0):
-        return table.select(complete), [f"{note}; only complete rows are used"]
+        return table.select(complete), [f"{note}, so only complete rows are used"]
     if not filled_by_name[slowest].any():
         raise InputError(
             f"{table.path}: column '{slowest}' is empty; name another one with --column; if it holds "
@@ -540,8 +543,8 @@ def _with_one_rate(
     if run is not None or (np.diff(times := table.numbers(time)) < 0.0).any():
         listed = ", ".join(map(repr, names))
         raise InputError(
-            f"{table.path}: no row has values in all of {listed}; save each run in its own file, in "
-            "order of time"
+            f"{table.path}: no row has values in all of {listed}; save each run in its own file, with "
+            "its rows in order of time"
         )
     base = next((name for name in efforts if sparse.get(name, 1.0) <= _SLOW * sparse[slowest]), slowest)
     columns, inside = table.columns, filled_by_name[base].copy()
@@ -552,4 +555,4 @@ def _with_one_rate(
             values = np.interp(times, times[sampled], table.select(filled_by_name[name]).numbers(name))
             columns = columns.set_column(columns.column_names.index(name), name, pa.array(values))
     way = f"all other columns are interpolated at the times of '{base}'"
-    return replace(table, columns=columns).select(inside), [f"{note}: {way}"]
+    return replace(table, columns=columns).select(inside), [f"{note}, so {way}"]

@@ -40,7 +40,7 @@ _RISES = 0.9  # least share of rows in which a clock rises; it may restart in ea
 _MANY_TIMES = 10  # least ratio of columns to rows of a table whose rows hold signals
 _MIN_COLUMNS = 3  # least number of columns of which one may be a clock
 _MIN_ARM = 4  # least number of columns of which two may be positions and two torques
-_INTERVAL = "; without a time, --unit time=10ms states the interval of rows"
+_INTERVAL = "; if no column holds the time, add the interval of rows, such as --unit time=10ms"
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def channel_sources(columns: ColumnAssignment) -> list[ChannelSource]:
     if len(table.names) == 1:
         raise InputError(
             f"{table.path}: holds only one column, '{table.names[0]}'; a measurement needs at least three: "
-            "time, motion and effort; if other files hold them, give all these files"
+            "time, motion and effort; if other files hold the others, give all files"
         )
     reason = f"no channel can be made of columns {table.listed_names}{first_row}"
     tables = [note for note in table.notes if note.startswith((OMITTED, OTHER_LENGTHS))]
@@ -132,8 +132,8 @@ def check_options_are_used(
                 for source in sources
             )
             raise InputError(
-                f"{columns.table.path}: {' '.join(texts)}: no channel uses it as "
-                f"{numbered(key)}. Channels: {channels}"
+                f"{columns.table.path}: {' '.join(texts)}: no channel uses '{assigned.column}' "
+                f"as {numbered(key)}. Channels: {channels}"
             )
 
 
@@ -156,13 +156,13 @@ def _check_dimensions(columns: ColumnAssignment) -> None:
             if rate and (name := next(names, "")):
                 as_angle = f"--column position={shlex.quote(name)} --unit position=rad"
             correction = (
-                f"if the axis turns, add {as_angle}; if it is moved along a line by a radius of 0.1 m, "
-                f"{as_force}={effort.factor / 0.1:g}N"
+                f"if the axis turns, add {as_angle}; if it moves along a line and is driven at a radius of "
+                f"0.1 m, {as_force}={effort.factor / 0.1:g}N"
             )
         raise InputError(
             f"{columns.table.path}: column '{motion.column}' is in {motion.unit.replace('_', '/')} and "
-            f"'{effort.column}' in {effort.unit}: a torque goes with an angle (rad, deg), a force with a "
-            f"length (m, mm); {correction}"
+            f"'{effort.column}' in {effort.unit}, but a torque goes with an angle (rad, deg) and a force "
+            f"with a length (m, mm); {correction}"
         )
 
 
@@ -201,7 +201,7 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
     found |= {key[0]: assigned.column for key, assigned in columns.assigned.items()}
     kinds = (("force or torque", EFFORTS), ("position or displacement", ("position", "displacement")))
     if lacking := [words for words, quantities in kinds if found.keys().isdisjoint(quantities)]:
-        needed = f"by names and units, no column seems to hold a {', or a '.join(lacking)}; {needed}"
+        needed = f"judging by names and units, no column holds a {', or a '.join(lacking)}; {needed}"
     has_effort = not found.keys().isdisjoint(EFFORTS)
     turns = "force" not in found if has_effort else "position" in found and "displacement" not in found
     turns |= is_angle(found.get("position", ""))
@@ -229,8 +229,8 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         return f"{needed}; name the columns, as in {proposed}"
     interval = "" if "time" in found else _INTERVAL
     return (
-        f"{needed}; if columns hold them, or the command of a drive, name them, as in {proposed}{interval}; "
-        "if another file with the same rows holds them, give both files"
+        f"{needed}; if columns hold these quantities, or the command of a drive, name the columns, as in "
+        f"{proposed}{interval}; if another file with the same rows holds them, give both files"
     )
 
 

@@ -140,7 +140,7 @@ class ColumnUnits:
         place = f"{self.table.path}: column '{column}'"
         if role.quantity != "time" and column in self.table.clocks:
             raise InputError(
-                f"{place} holds clock times, expected {role.quantity}; name another one with --column"
+                f"{place} holds clock times instead of {role.quantity}; name another column with --column"
             )
         user_unit, named_unit, unit = self._user_unit(role), self._named_unit(role), self.unit_of(role)
         note = ""
@@ -152,8 +152,8 @@ class ColumnUnits:
                 )
             unit = self._likely_unit(role)
             note = (
-                f"column '{column}' states no unit and is read in {unit}, from its sample step; if that is "
-                f"wrong, add --unit time={'ms' if unit == 's' else 's'}"
+                f"column '{column}' states no unit and is read in {unit}, as its sample step suggests; if "
+                f"that is wrong, add --unit time={'ms' if unit == 's' else 's'}"
             )
         # The unit of the numbers, also beside a sensitivity, as in "Load [mV] (5 N/V)".
         own = unit_in_name(SENSITIVITY.sub("", column)) if named_unit.startswith("×") else named_unit
@@ -164,14 +164,15 @@ class ColumnUnits:
             problem = f"'{unit}' is not a unit of {role.quantity}"
             if dimension in PROXIES:
                 constant = f"0.1{si_unit(dimensions[0])}/{unit}"
-                problem += f"; if it stands for one at {constant}, add --unit {role.numbered}={constant}"
+                stands = f"1 {unit} stands for 0.1 {si_unit(dimensions[0])}"
+                problem += f"; if {stands}, add --unit {role.numbered}={constant}"
             raise InputError(f"{place}: {problem}. Valid: {valid}")
         if not 0.0 < abs(scale) < math.inf:
             raise InputError(f"{place}: unit '{user_unit}' cannot be converted")
         if dimension in PROXIES:
             effort, constant, example = PROXIES[dimension]
             note = (
-                f"column '{column}' is a {dimension} used as the {role.quantity}: "
+                f"column '{column}' is a {dimension} used as the {role.quantity}, so "
                 f"results are in {si_unit(dimension)}, not {effort}; for {effort}, give the {constant}, "
                 f"as in --unit {role.numbered}={example}"
             )
@@ -349,7 +350,7 @@ def explain_numbers(options: str) -> str:
     """
     options += ", the value of one count" * ("=0.0" in options)
     options += f", with the value of one volt as {_FACTOR_OF_VOLT}" * (_FACTOR_OF_VOLT in options)
-    return options + ", with the size of the unknown unit" * ("=10" in options)
+    return options + ", with the size of the unknown unit in place of 10" * ("=10" in options)
 
 
 def _unknown_unit(column: str) -> str:
@@ -362,24 +363,24 @@ def _note_on_name(role: Role, named_unit: str, unit: str, *, is_capital: bool) -
     column = role.column
     if named_unit.startswith("×"):
         return (
-            f"the factor in the name of column '{column}' is applied: it is read in {named_unit[1:]}; if that"
-            f" is wrong, give its unit, such as --unit {role.numbered}={unit}"
+            f"the factor in the name of column '{column}' is applied, so the column is read in "
+            f"{named_unit[1:]}; if that is wrong, give its unit, such as --unit {role.numbered}={unit}"
         )
     if is_capital and unit.startswith("MN"):
         return (
-            f"no column name has a lower-case letter, so the M in '{column}' may be mega or milli: it is read"
-            f" in {unit}; if that is wrong, add --unit {role.numbered}=m{unit[1:]}"
+            f"no column name has a lower-case letter, so the M in '{column}' may be mega or milli; the "
+            f"column is read in {unit}; if that is wrong, add --unit {role.numbered}=m{unit[1:]}"
         )
     if factor := _FACTOR.search(column):
         return (
-            f"the factor '{factor[0].strip()}' in the name of column '{column}' is ignored: it is read in "
-            f"{unit}; if that is wrong, give its unit, such as --unit {role.numbered}=1000{unit}"
+            f"the factor '{factor[0].strip()}' in the name of column '{column}' is ignored, and the column "
+            f"is read in {unit}; if that is wrong, give its unit, such as --unit {role.numbered}=1000{unit}"
         )
     other = unit_in_name(split_unit(column)[0])  # "force_N [kN]", where a row of units contradicts
     factors = {} if other == _PREPOSITION else SI.get(dimension_of(other) or "", {})
     if factors.get(named_unit, factors.get(other)) != factors.get(other):
         return (
-            f"column '{column}' may state two units: it is read in {named_unit}; if {other} is right, "
+            f"column '{column}' may state two units and is read in {named_unit}; if {other} is right, "
             f"add --unit {role.numbered}={other}"
         )
     if dimension_of(named_unit) not in {None, dimension_of(unit)}:

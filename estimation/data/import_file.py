@@ -59,8 +59,8 @@ _MIN_SPECIMENS = 2
 _CLOCK_UNITS = (1.0, 1e-3, 1e-6, 1e-9)  # units that a time without a unit may have [s]
 _SAME_SPAN = 1.05  # largest ratio of the durations of two clocks that agree
 _SPECIMENS_NOTE = (
-    "{1} {0} objects, whose runs are read as runs of one object: add either --where {2} to read only one "
-    "of them, or --fresh-runs to read all and state that no run affects another"
+    "{1} {0} objects, whose runs are read as runs of one object; add either --where {2} to read only one "
+    "object, or --fresh-runs to read all and state that no run affects another"
 )
 _SAME_RATIO = 0.05  # largest relative deviation of a wrong unit from a known one
 _MOTOR_WORDS, _JOINT_WORDS = frozenset(["motor", "rotor"]), frozenset(["joint", "output", "link"])
@@ -221,8 +221,8 @@ def _note_time(columns: ColumnAssignment, rows: ImportedRows, user_columns: Coll
         )
     if figures := note_uneven(rows.time_s, rows.run, columns.motions[:, rows.order]):
         yield (
-            f"the times of '{time.column}' are uneven: {figures}; they may be times of arrival, so that "
-            "speed, damping and inertia would be wrong; record the times of the samples"
+            f"the times of '{time.column}' are uneven: {figures}; they may be arrival times, which "
+            "would make speed, damping and inertia wrong; record the time of each sample"
         )
     for part in blocks(rows.run):
         steps_s = np.diff(rows.time_s[part])
@@ -230,8 +230,8 @@ def _note_time(columns: ColumnAssignment, rows: ImportedRows, user_columns: Coll
         if steps_s[longest] > np.sum(steps_s) - steps_s[longest]:
             row = columns.table.row_name(rows.order[part.start + longest + 1])
             yield (
-                f"'{time.column}' jumps by {steps_s[longest]:.4g} s to {row}, which is longer than the rest "
-                "of the run; if samples are missing, select one part with --where"
+                f"'{time.column}' jumps by {steps_s[longest]:.4g} s at {row}, more than the rest of the "
+                "run lasts; if samples are missing, select one part with --where"
             )
             return
 
@@ -263,7 +263,7 @@ def _note_specimens(columns: ColumnAssignment, rows: ImportedRows, options: Impo
         return []
     if columns.run is not None and all(map(_SPECIMEN.search, rows.labels.values())):
         first = shlex.quote(f"run={rows.labels[min(rows.labels)]}")
-        return [_SPECIMENS_NOTE.format(len(rows.labels), "run names", first)]
+        return [_SPECIMENS_NOTE.format(len(rows.labels), "the run labels name", first)]
     for name in columns.table.names:
         if _SPECIMEN.search(name) and name not in columns.used:
             texts, index = columns.table.labels(name)
@@ -290,13 +290,13 @@ def _make_channel(
         )
         position = np.concatenate(list(integrals))
         notes.append(
-            f"no position column was found: the position is integrated from {name}, from 0 in each run; if a "
-            f"column holds it, add --column {numbered(('position', source.joint))}=COLUMN"
+            f"no position column was found, so the position is integrated from {name}, starting at 0 in each "
+            f"run; if a column holds the position, add --column {numbered(('position', source.joint))}=COLUMN"
         )
         if TIME not in columns:
             notes.append(
-                "neither time nor position is recorded: if each row is a steady state, only effects of "
-                f"{name} can be trusted, and none of position, acceleration or time; add --context COLUMN "
+                "neither time nor position is recorded; if each row is a steady state, only effects of "
+                f"{name} can be trusted, not those of position, acceleration or time; add --context COLUMN "
                 "for other conditions of the rows, such as a load"
             )
     else:
@@ -374,15 +374,17 @@ def _continuous_angle(
     steps = f"{size / abs(column.factor):.4g} {'counts' if step else unit}"
     note = f"position '{column.column}' jumps by {steps} at {jumps} place{'s' * (jumps > 1)}"
     if turn == turn_in_other:
-        notes.append(f"{note}, one turn in {other}; if the angle is in {other}, add {option}={other}")
+        notes.append(
+            f"{note}; each jump is one turn in {other}; if the angle is in {other}, add {option}={other}"
+        )
     elif unwrapped is None:
         notes.append(
-            f"{note}, about one turn, but its other motion is not smooth enough to read the jumps as turns; "
-            "remove wrong readings, record faster, or save a continuous angle"
+            f"{note}; each jump is about one turn, but the rest of the motion is not smooth enough to read "
+            "the jumps as turns; remove wrong readings, record faster, or save a continuous angle"
         )
     else:
-        keep = "" if scale != 1.0 else f"; {option}=1{unit} prevents this"
-        notes.append(f"{note}, a whole turn, and is read as continuous{keep}")
+        keep = "" if scale != 1.0 else f"; to prevent this, add {option}=1{unit}"
+        notes.append(f"{note}; each jump is one turn, so the position is read as continuous{keep}")
         return unwrapped
     return angle
 
@@ -405,23 +407,26 @@ def _measured_derivative(  # noqa: PLR0917
     signal_name, values, derived = signal
     position, measured = columns.assigned[source.position], columns.values(key)[rows.order]
     ratio = mistaken_scale(rows.time_s, values, measured, rows.run)
-    rate = f"the rate of change of {signal_name}, from which the {key[0]} is derived"
+    rate = f"the rate of change of {signal_name}, from which the {key[0]} is derived instead"
     if not columns.assigned[key].dimension.startswith(position.dimension):
         problem = (
-            f"is not used: its unit does not match that of '{position.column}', from which the "
-            f"{key[0]} is derived; if a unit is wrong, correct it with --unit"
+            f"is not used, because its unit does not match that of '{position.column}', from which the "
+            f"{key[0]} is derived instead; if a unit is wrong, correct it with --unit"
         )
     elif ratio is None:
         pieces = number_pieces(rows.time_s, rows.run)
         if not is_difference(rows.time_s, values, measured, derived, pieces):
             return measured
-        problem = "holds differences of single samples, which amplify noise; more samples are used instead"
+        problem = (
+            "holds differences of adjacent samples, which amplify noise; the "
+            f"{key[0]} is derived from more samples instead"
+        )
     elif np.isnan(ratio):
         another = f"--column {numbered(key)}=COLUMN"
-        problem = f"does not follow {rate}; if another column does, add {another}"
+        problem = f"does not follow {rate}; if another column holds the {key[0]}, add {another}"
     else:
         example = _unit_example(columns, source, ratio) if key[0] == "velocity" else ""
-        wrong_unit = f"a unit is wrong: correct it with --unit{example}"
+        wrong_unit = f"a unit is wrong; correct it with --unit{example}"
         remedy = "it has the wrong sign" if ratio < 0.0 else wrong_unit
         problem = f"is {ratio:.3g} times {rate}; {remedy}"
     notes.append(f"column '{columns.name(key)}' {problem}")
@@ -464,8 +469,8 @@ def _note_gear(source: ChannelSource, columns: ColumnAssignment) -> Iterator[str
         if is_split and not any(columns.assigned[key].is_fixed for key in (motor, joint)):
             example = f"{'50' if motor == source.effort else '0.02'}{columns.assigned[motor].unit}"
             yield (
-                f"'{columns.name(motor)}' belongs to the motor and '{columns.name(joint)}' to the joint, "
-                "according to their names; for a gear of 50:1 between them, add --unit "
+                f"according to their names, '{columns.name(motor)}' belongs to the motor and "
+                f"'{columns.name(joint)}' to the joint; for a gear of 50:1 between them, add --unit "
                 f"{numbered(motor)}={example}"
             )
 
@@ -498,8 +503,8 @@ def _reverse_reactions(
         options = [f"--unit {s.effort[0]}={reversed_efforts[s.name].fixed_unit}" for s in chosen]
         opposes, signs = ("opposes", "its sign is") if len(options) == 1 else ("oppose", "their signs are")
         notes.append(
-            f"{names} {opposes} the velocity, as the reaction to a drive does: {signs} reversed; "
-            f"{' '.join(dict.fromkeys(options))} prevents this"
+            f"{names} {opposes} the velocity, as the reaction to a drive does, so {signs} reversed; "
+            f"to prevent this, add {' '.join(dict.fromkeys(options))}"
         )
     return [replace(c, effort=-c.effort) if c.name in reversed_efforts else c for c in channels]
 

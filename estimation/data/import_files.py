@@ -67,7 +67,7 @@ def import_files(
     if twice := [path for number, path in enumerate(paths) if places[number] in places[:number]]:
         raise InputError(f"{twice[0]}: is given twice; its runs would count as repeated measurements")
     kept = _without_prose(paths)
-    prose = tuple(f"{path.name}: left out, a text without numbers" for path in paths if path not in kept)
+    prose = tuple(f"{path.name}: left out, because it has no numbers" for path in paths if path not in kept)
     paths, parts = kept, []
     for number, table in enumerate(read_tables(paths, options)):
         which = f"file {number + 1} of {len(paths)}" if len(paths) > 1 else "the file"
@@ -90,7 +90,7 @@ def import_files(
         run_names = part.run_labels.values()
         labels += [path.name] if len(run_names) == 1 else [f"{path.name} {label}" for label in run_names]
         extra = [channel.name for channel in part.channels if channel.name not in names]
-        ignored = [f"{', '.join(extra)} left out, since {paths[0].name} has none"] if extra else []
+        ignored = [f"{', '.join(extra)} left out, since {paths[0].name} has no such channel"] if extra else []
         for note in (*part.notes, *ignored):
             noted.setdefault(note, path.name)  # keep the first file with this note
     notes = (*prose, *(f"{name}: {note}" for note, name in noted.items()))
@@ -171,7 +171,7 @@ def joined_channels(parts: Sequence[ChannelData]) -> ChannelData:
         if len(units := sorted({getattr(part, what) for part in parts})) > 1:
             raise InputError(
                 f"channel '{first.name}': {what.removesuffix('_unit')} is in {' and '.join(units)} in "
-                "different recordings; state the constant with --unit"
+                "different recordings; state the conversion constant with --unit"
             )
     runs, count = [], 0
     for part in parts:

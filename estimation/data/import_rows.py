@@ -30,14 +30,12 @@ _MAX_COUNT_S, _MAX_OVERFLOW_STEP = 1e-3, {32: 10.0, 31: 2.0, 24: 2.0, 16: 2.0}
 _PARTS, _MIN_PART, _SAME_INTERVAL = 3, 20, 1.05
 _MIN_ROWS = 5  # least number of samples in a run; with fewer the acceleration is meaningless
 _REPEATED_NOTE = (  # notes with the number of rows, the column, and the column as a shell reads it
-    "'{1}' repeats times: {0} rows are spaced evenly; if this column is not the time of each "
+    "'{1}' repeats times, so {0} rows are spaced evenly; if this column is not the time of each "
     "row, add --context {2} to read it as another signal"
 )
-_PACKETS_NOTE = (
-    "'{1}' stamps rows in packets: {0} rows are spaced evenly, since the packets follow an even clock"
-)
+_PACKETS_NOTE = "'{1}' stamps rows in packets that follow an even clock, so {0} rows are spaced evenly"
 _LATE_NOTE = (
-    "'{1}' stamps {0} rows late, in bursts after gaps: their times are spaced evenly over gap and burst"
+    "'{1}' stamps {0} rows late, in bursts after gaps, so their times are spaced evenly over gap and burst"
 )
 
 
@@ -89,13 +87,14 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
         notes.append((_REPEATED_NOTE if repeats else _PACKETS_NOTE).format(len(order), *clock))
     if TIME not in columns:
         notes.append(
-            "no time column: rows are assumed to be 1 s apart, so speeds, damping, inertia and relaxation "
-            f"times are not in seconds; {columns.clock_advice}; {_interval_advice(columns, run)}"
+            "no time column was found, so rows are assumed to be 1 s apart, and speeds, damping, inertia and "
+            f"relaxation times count rows instead of seconds; {columns.clock_advice}; "
+            f"{_interval_advice(columns, run)}"
         )
     elif (added_s := float(np.max(times_s - columns.values(TIME)))) > 0.0:
         notes.append(
-            f"'{columns.name(TIME)}' wraps around like a {bits}-bit counter: it is read as continuous, which "
-            f"adds {added_s:.9g} s in all"
+            f"'{columns.name(TIME)}' wraps around like a {bits}-bit counter, so it is read as continuous, "
+            f"which adds {added_s:.9g} s in total"
         )
     is_repeated = np.abs(np.diff(time_s, prepend=-np.inf)) < MIN_INCREASE_S
     is_repeated[1:] &= np.diff(run[order]) == 0
@@ -105,7 +104,7 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
     counts = np.bincount(run[order]) if columns.run is None else np.array([_MIN_ROWS])
     if counts.min() < _MIN_ROWS <= counts.max():  # these runs were only detected, so they can be dropped
         is_short = counts[run[order]] < _MIN_ROWS
-        notes.append(table.note_left_out(order[is_short], f"their run has fewer than {_MIN_ROWS}"))
+        notes.append(table.note_left_out(order[is_short], f"their run has fewer than {_MIN_ROWS} rows"))
         order, time_s = order[~is_short], time_s[~is_short]
         labels = {number: labels[number] for number in np.unique(run[order]).tolist()}
     run = run[order]
@@ -140,7 +139,7 @@ def _interval_advice(columns: ColumnAssignment, run: IntArray) -> str:
     if len(ratios) < _PARTS or not 0.0 < max(ratios) < _SAME_INTERVAL * min(ratios):  # not if one is NaN
         return "if rows are evenly spaced, give their interval, as in --unit time=10ms"
     interval = f"{1e3 / float(np.median(ratios)):.3g}"
-    return f"rows are {interval} ms apart according to {names[0]}: add --unit time={interval}ms"
+    return f"rows are {interval} ms apart according to {names[0]}; add --unit time={interval}ms"
 
 
 def _times(columns: ColumnAssignment) -> tuple[FloatArray, int]:
@@ -189,10 +188,10 @@ def _detect_runs(
     number = int(run[-1]) + 1
     if number == 1:
         return run, []
-    reason = "the clock restarts: " if restarts else ""
+    reason = "the clock restarts, so the data are " if restarts else ""
     is_cut = is_contact and count != 1
-    which = f", one for {'each press' if presses == 1 else f'{presses} presses'}" if is_cut else ""
-    remedy = "add --runs N" if is_cut else "name the column that numbers them, --column run=COLUMN"
+    which = f", one for {'each press' if presses == 1 else f'every {presses} presses'}" if is_cut else ""
+    remedy = "add --runs N" if is_cut else "name the column that numbers the runs: --column run=COLUMN"
     return run, [f"{reason}cut into {number} runs{which}; if that is wrong, {remedy}"]
 
 
@@ -271,7 +270,7 @@ def _check_times(columns: ColumnAssignment, rows: ImportedRows) -> None:
     raise InputError(
         f"{table.place(after, name)}: {rows.time_s[late[0] + 1]:.9g} s does not come after "
         f"{rows.time_s[late[0]]:.9g} s in {table.row_name(before)}{in_run}; times must increase within "
-        f"a run: {remedy}"
+        f"a run; {remedy}"
     )
 
 
@@ -279,7 +278,7 @@ def _check_lengths(columns: ColumnAssignment, rows: ImportedRows) -> None:
     path, (runs, counts) = columns.table.path, np.unique(rows.run, return_counts=True)
     if counts.min() < _MIN_ROWS:
         rows_in = "1 row" if counts.min() == 1 else f"{counts.min()} rows"
-        needed = f"has {rows_in}, at least {_MIN_ROWS} are needed"
+        needed = f"has {rows_in}, but at least {_MIN_ROWS} are needed"
         if columns.run is None:
             raise InputError(f"{path}: {needed}")
         raise InputError(

@@ -139,8 +139,8 @@ def read_ros_table(path: Path) -> FileColumns:
     groups = _joint_states(path)
     if not groups:
         raise InputError(
-            f"{path}: no messages of type {_TYPE}, the only ones that are read; write other ones, such as "
-            "wrenches, with time and motion to a table, and read it as a CSV file"
+            f"{path}: holds no messages of type {_TYPE}, the only type that is read; write other messages, "
+            "such as wrenches, with time and motion to a CSV file"
         )
     with_torque = dict.fromkeys((group.topic for group in groups), 0)
     for group in groups:

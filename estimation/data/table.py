@@ -104,7 +104,7 @@ class Table(FileColumns):
             reason: why they are not used.
         """
         first = self.row_name(rows[0])
-        return f"{len(rows)} of {len(self)} rows left out: {reason}, the first in {first}"
+        return f"{len(rows)} of {len(self)} rows left out: {reason}; the first is in {first}"
 
     @property
     def listed_names(self) -> str:

@@ -280,7 +280,9 @@ def _parse_rows(
             cells = f"{number} {'cell' if number == 1 else 'cells'}"
             text = " ".join(invalid[0].text.split())[:_SHOWN]
             line = lines[invalid[0].number - 1]
-            problem = f"line {line} has {cells} and the header {expected}: {text!r}; correct or remove it"
+            problem = (
+                f"line {line} has {cells}, but the header has {expected}: {text!r}; correct or remove it"
+            )
         raise InputError(f"{place}: {problem}") from error
     lines = _line_numbers(content, table.start, end, len(part))
     # A quotation mark without a second one may have swallowed rows of numbers.
@@ -290,7 +292,7 @@ def _parse_rows(
             if any(len(cells) >= part.num_columns and not is_footer(cells, counts=True) for cells in inside):
                 raise InputError(
                     f"{place}: line {lines[row]}: a quotation mark opens a cell that holds {len(inside)} "
-                    "more lines, with numbers; close or remove it"
+                    "more lines, with numbers; close the quotation, or remove the mark"
                 )
     return part, lines, []
 

@@ -108,8 +108,9 @@ def _check_increase(
         before, after = good[old[0]], good[old[0] + 1]
         raise InputError(
             f"{session.path}: tick {after + 1}, column '{name}': the times of good samples do not increase "
-            f"from sample to sample ({sampled_at_s[after]:.9g} s after {sampled_at_s[before]:.9g} s; "
-            f"{len(old)} in all); the device's clock stood still or went back, or a program changed the times"
+            f"from sample to sample ({sampled_at_s[after]:.9g} s follows {sampled_at_s[before]:.9g} s; "
+            f"{len(old)} such samples); the device's clock stood still or went back, or a program changed "
+            "the times"
         )
 
 
@@ -197,9 +198,8 @@ def contact_channels(ticks: Samples, *, tared: bool) -> tuple[ChannelData, ...]:
             touches.append(contact)
     names = ["contact"] if len(places) == 1 else [f"contact_{number}" for number in range(1, len(places) + 1)]
     warning = (
-        f"{len(pressed) - len(straight)} of {len(pressed)} presses have another direction than the first, "
-        "which is taken as the normal of the surface: their forces and the joint torques meanwhile are not "
-        "used"
+        f"{len(pressed) - len(straight)} of {len(pressed)} presses differ in direction from the first, which "
+        "is taken as the surface normal; the forces and joint torques of these presses are not used"
     )
     return tuple(
         replace(

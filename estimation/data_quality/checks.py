@@ -224,8 +224,8 @@ def _check_blocks(data: ChannelData, good: BoolArray) -> str | None:
     if not blocked.can_hold_out:
         if not good.all() and block_average(data).can_hold_out:
             return (
-                f"excluded readings ({np.count_nonzero(~good)}), such as isolated ones far from their "
-                "neighbors, leave at most one run to fit to; remove such rows, or record more runs"
+                f"{np.count_nonzero(~good)} readings are excluded, such as isolated ones far from their "
+                "neighbors, so at most one run is left to fit; remove such rows, or record more runs"
             )
         return "at most one run has motion, so no run can be held out; record more runs"
     if len(np.unique(blocked.fold[ArNoise(np.zeros(ORDER)).used(blocked.run, blocked.trusted)])) < 2:

@@ -237,8 +237,8 @@ def late_touch(data: ChannelData) -> str | None:
     if silent < _MIN_SILENT * deepest or noise > _MAX_NOISE * expected:
         return None
     stays = (
-        f"the force stays at its free-air level down to a displacement of {1e3 * silent:.3g} mm, of "
-        f"{1e3 * deepest:.3g} mm in all"
+        f"the force stays at its free-air level down to a displacement of {1e3 * silent:.3g} mm (the largest "
+        f"is {1e3 * deepest:.3g} mm)"
     )
     order = np.concatenate([np.arange(rows.start, rows.stop) for rows in runs_by_time(data.time_s, data.run)])
     contact = number_stretches(pressed[order], data.run[order])
@@ -247,8 +247,8 @@ def late_touch(data: ChannelData) -> str | None:
     shallow = np.abs(data.effort[loading] - air_level)[data.position[loading] <= silent]
     if len(shallow) and np.median(shallow) >= noise:
         return (
-            f"after the first contact, {stays}: the object has not recovered when it is pressed again; rest "
-            "longer between contacts if each is to begin at the undeformed surface"
+            f"after the first contact, {stays}, so the object has not recovered when it is pressed again; "
+            "rest longer between contacts if each contact is to begin at the undeformed surface"
         )
     return (
         f"{stays}; if the surface is that deep, subtract this depth from the "
@@ -333,7 +333,7 @@ def at_rest(data: ChannelData) -> str | None:
     if data.kind.is_angle and np.std(moved) > _MAX_NOISE_RAD:
         return None
     size = f"{np.std(moved):.2g} {data.position_unit}"
-    return f"the position varies at random by {size}, and the effort does not follow it; record a motion"
+    return f"the position varies at random by {size}, and the effort does not follow it; move the joint"
 
 
 def _share_explained(data: ChannelData) -> float:

@@ -67,7 +67,7 @@ def too_coarse(data: ChannelData) -> str | None:
     levels = len(np.unique(data.effort))
     least = _MIN_LEVELS if data.kind is ChannelKind.CONTACT else _MIN_JOINT_LEVELS
     if levels < least and not is_stepwise_command(data):
-        return f"only {levels} different readings: the sensor's steps are too coarse for this effort"
+        return f"only {levels} different readings, so the sensor's steps are too coarse for this effort"
     return None
 
 
@@ -219,7 +219,7 @@ def copied(copies: Mapping[int, tuple[int, float | None]]) -> str:
         copies: original run and correlation of the noise (None without noise), by the number of the copy.
     """
     (run, (first, match)), count = next(iter(copies.items())), len(copies) - 1
-    others = f" (and {count} more)" if count else ""
+    others = f" (one of {len(copies)} copies)" if count else ""
     same = "all of its readings are" if match is None else f"{100.0 * match:.0f} % of its noise is"
     remedy = ", or vary the motion of a simulation" if match is None else ""
     return (
@@ -255,8 +255,8 @@ _CLEAR = 4.0  # multiple of the noise above which no reading is rectified noise
 _MOVES = 0.1  # least speed of a moving joint, relative to the largest
 _MIN_WAY, _ALIKE = 0.1, 0.3  # least share of samples in the rarer direction, and ratio of the mean efforts
 _FOLDED = (
-    "no reading is below zero, though {count} lie within the noise of zero, {noise:.2g} {unit}: "
-    "the signal was rectified"
+    "no reading is below zero although {count} lie within the noise ({noise:.2g} {unit}) of zero, so the "
+    "signal was rectified"
 )
 # Converts the median second difference to the standard deviation of normal noise.
 _TO_SIGMA = MAD_TO_SIGMA / np.sqrt(6.0)
@@ -294,13 +294,13 @@ def rectified(data: ChannelData) -> str | None:
             )
             if without_constant <= _MIN_GAIN * with_constant:
                 return (
-                    f"no reading is below zero, and {100 * np.mean(is_zero):.0f} % are exactly zero: was the "
-                    "sign cut off? record the signal with its sign"
+                    f"no reading is below zero, and {100 * np.mean(is_zero):.0f} % are exactly zero, so "
+                    "negative readings were probably cut off; record the signal with its sign"
                 )
     count, noise = _count_folded(effort, data.run)
     if not count and _is_magnitude(effort, data):
         return (
-            "no reading is below zero, but the effort follows the motion only if its sign changes: it was "
+            "no reading is below zero, but the effort follows the motion only if its sign changes, so it was "
             "recorded as an absolute value; record it with its sign"
         )
     reason = _FOLDED.format(count=count, noise=noise, unit=data.effort_unit)
@@ -343,7 +343,7 @@ def unsigned(data: ChannelData) -> str | None:
     if weaker < _ALIKE * stronger:
         return None
     return (
-        "no reading is below zero, although the joint moves both ways: if the effort is an absolute value, "
+        "no reading is below zero, although the joint moves both ways; if the effort is an absolute value, "
         "as some drives report their current, record it with its sign"
     )
 

@@ -78,23 +78,23 @@ def never_repeated(data: ChannelData) -> str | None:
             return None
         if is_one_pass(data.time_s, data.position, data.run):
             return (
-                "all runs go one way at one speed: relaxation, friction, damping and the range of the sensor "
+                "all runs go one way at one speed, so relaxation, friction, damping and the sensor's range "
                 "cannot be distinguished from the elastic law; hold, return, or add runs at another speed"
             )
-        return "no run returns: friction cannot be distinguished from elastic shape; record one that returns"
+        return "no run returns, so friction cannot be told from elastic shape; record a run that returns"
     travel = sum(np.ptp(part) for part in np.array_split(data.position, PIECES))
     if travel >= _MIN_TRAVEL * np.ptp(data.position):
         return None
     is_contact = data.kind is ChannelKind.CONTACT and never_returns(data.position, data.run)
     if is_contact and has_constant_speed(data.velocity[data.engaged]):
         return (
-            f"{SINGLE_RUN}, which goes through its motion once at one speed: changes with time, speed and "
-            "position cannot be separated, and a damper acts like a constant force; record at least three "
-            "runs, at several speeds"
+            f"{SINGLE_RUN} was recorded, and it goes through its motion once at one speed, so changes with "
+            "time, speed and position cannot be separated, and a damper acts like a constant force; record "
+            "at least three runs, at several speeds"
         )
     return (
-        f"{SINGLE_RUN}, which goes through its motion once: changes with time and with position "
-        "cannot be separated; record at least three runs"
+        f"{SINGLE_RUN} was recorded, and it goes through its motion once, so changes with time and with "
+        "position cannot be separated; record at least three runs"
     )
 
 
@@ -108,7 +108,7 @@ def single_speed(data: ChannelData) -> str | None:
     if not has_one_speed or never_returns(data.position, data.run):
         return None
     return (
-        "all motion is at one speed: dependence on the rate cannot be distinguished from friction; add "
+        "all motion is at one speed, so dependence on the rate cannot be distinguished from friction; add "
         "runs at another speed"
     )
 
@@ -232,6 +232,6 @@ def lost_rows(data: ChannelData) -> str | None:
     lost = float(np.sum(ratio[jumps] - 1.0)) / len(ratio)
     return (
         f"the motion jumps by {np.median(ratio[jumps]):.2g} steps at {np.sum(jumps)} places although "
-        f"the times are evenly spaced: about {100.0 * lost:.1f} % of the rows seem to be lost, so "
+        f"the times are evenly spaced, so about {100.0 * lost:.1f} % of the rows seem to be lost, and "
         "effects of the velocity are estimated wrongly; record all rows, or restore the true times"
     )

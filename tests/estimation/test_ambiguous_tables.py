@@ -73,7 +73,7 @@ def test_units_row_that_contradicts_the_names_is_reported(tmp_path):
     header = ["time_s", "displacement_m", "force_N"]
     path = workbook(tmp_path / "press.xlsx", header, ["s", "m", "kN"], force=FORCE_N.tolist())
     notes = " ".join(import_file(path).notes)
-    assert "'force_N [kN]' may state two units: it is read in kN; if N is right, add --unit force=N" in notes
+    assert "'force_N [kN]' may state two units and is read in kN; if N is right, add --unit force=N" in notes
     (channel,) = import_file(path, ImportOptions(units={"force": "N"})).channels
     np.testing.assert_allclose(channel.effort, FORCE_N)
     path = workbook(
@@ -111,7 +111,7 @@ def test_unrelated_derivative_is_not_used_and_a_constant_velocity_is(tmp_path):
 def test_pause_longer_than_the_rest_of_the_run_is_reported(tmp_path):
     time_s = np.where(TIME_S > 0.15, TIME_S + 3600.0, TIME_S)  # at the largest depth
     notes = notes_of(tmp_path / "press.csv", HEADER, time_s, DEPTH_M, FORCE_N)
-    assert "'time_s' jumps by 3600 s to line 153" in notes
+    assert "'time_s' jumps by 3600 s at line 153" in notes
     assert "jumps" not in notes_of(tmp_path / "press.csv", HEADER, TIME_S, DEPTH_M, FORCE_N)
 
 

@@ -195,7 +195,7 @@ def test_two_sided_force_deep_inside_is_that_of_an_axis(tmp_path):
     path = table_file(tmp_path, "Time [s],Extension [mm],Load [N]\n", TIME_S, 1e3 * np.abs(WAY_M), force)
     imported = import_file(path)
     assert imported.channels[0].name == "joint_1"
-    assert "--column displacement='Extension [mm]' reads it as a contact" in " ".join(imported.notes)
+    assert "to read them as a contact, add --column displacement='Extension [mm]'" in " ".join(imported.notes)
     path.write_text("Time [s],Extension [mm],Load [N]\n" + lines(TIME_S, 1e3 * np.abs(WAY_M), FORCE_N))
     assert import_file(path).channels[0].name == "contact"
 
@@ -214,7 +214,7 @@ def test_tearing_strip_is_pulled_though_its_force_then_falls(tmp_path):
 def test_time_without_a_unit_is_no_shorter_than_a_press(tmp_path, step, count, unit):
     time, way = step * np.arange(count), np.linspace(0.0, 1.0, count)
     path = table_file(tmp_path, "Time,Travel [mm],Load [N]\n", time, way, 3.0 * way + 0.1 * way**2)
-    assert f"is read in {unit}, from its sample step;" in import_file(path).notes[0]
+    assert f"is read in {unit}, as its sample step suggests;" in import_file(path).notes[0]
 
 
 @pytest.mark.parametrize("runs", [1, 2])
@@ -306,7 +306,7 @@ def test_few_rows_before_a_clock_restart_are_left_out(tmp_path):
     path.write_text("Time [ms],Position [rad],Torque [Nm]\n0.0,0.0,0.0\n1.0,0.0,0.0\n" + rows)
     found = import_file(path)
     assert len(found.channels[0]) == 600
-    said = "2 of 602 rows left out: their run has fewer than 5, the first in line 2"
+    said = "2 of 602 rows left out: their run has fewer than 5 rows; the first is in line 2"
     assert said in " ".join(found.notes)
 
 

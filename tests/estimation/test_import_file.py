@@ -330,7 +330,7 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
             {},
             "'inf' is not a finite number (2 more",
         ),
-        ({"force_N": forces(at_16="1,5")}, {}, "line 18 has 4 cells and the header 3"),
+        ({"force_N": forces(at_16="1,5")}, {}, "line 18 has 4 cells, but the header has 3"),
         (
             {"force_N": forces(at_40="inf"), "specimen": TWO_SPECIMENS},
             {"where": {"specimen": "P2"}},
@@ -356,9 +356,17 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
         ({}, {"units": {"force": "1e999N"}}, "unit '1e999N' cannot be converted"),
         ({}, {"units": {"displacement": "furlong"}}, "Valid: "),
         ({}, {"units": {"torque": "Nm"}}, "--unit torque=Nm: no quantity or column in use has this name"),
-        ({"torque_Nm": F}, {"units": {"torque": "mNm"}}, "--unit torque=mNm: no channel uses it as torque."),
-        ({"noise": F}, {"columns": {"torque_Nm": "noise"}}, "--column torque_Nm=noise: no channel uses it"),
-        (SWING, {"units": {"position_rad": "mm"}}, "'torque_Nm' in Nm: a torque goes with an angle"),
+        (
+            {"torque_Nm": F},
+            {"units": {"torque": "mNm"}},
+            "--unit torque=mNm: no channel uses 'torque_Nm' as torque.",
+        ),
+        (
+            {"noise": F},
+            {"columns": {"torque_Nm": "noise"}},
+            "--column torque_Nm=noise: no channel uses 'noise'",
+        ),
+        (SWING, {"units": {"position_rad": "mm"}}, "'torque_Nm' in Nm, but a torque goes with an angle"),
         (SWING, {"units": {"torque_Nm": "V"}}, "add --unit torque=0.1Nm/V. Valid: Nm"),
         (
             {"displacement_m": None, "force_N": None, "Position[mm]": X, "MotorCurrent[A]": F},
@@ -377,7 +385,7 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
         ),
         ({}, {"columns": {"colour_N": "force_N"}}, "is not a quantity, or its unit is unknown"),
         ({"displacement_mm": X}, {}, "'displacement_m' and 'displacement_mm' both hold displacement"),
-        ({"run": ["long"] * 47 + ["short"] * 3}, {}, "run 'short' has 3 rows, at least 5"),
+        ({"run": ["long"] * 47 + ["short"] * 3}, {}, "run 'short' has 3 rows, but at least 5"),
         ({"phase": ["hold", "squeeze"] + ["hold"] * 48}, {}, "no phase is called 'squeeze'. Valid"),
         (TEMPERATURES, {"context": tuple(TEMPERATURES)}, "rename one"),
         *(
@@ -416,7 +424,7 @@ def test_displacement_unit_may_be_given_by_either_name(contact):
 def test_rows_without_a_value_or_a_new_time_are_left_out_and_counted(contact, changed, omitted, reason):
     imported = import_file(contact(**changed))
     np.testing.assert_array_equal(imported.channels[0].effort, np.delete(F, omitted))
-    note = f"{len(omitted)} of 50 rows left out: {reason}, the first in line {omitted[0] + 2}"
+    note = f"{len(omitted)} of 50 rows left out: {reason}; the first is in line {omitted[0] + 2}"
     assert note in imported.notes
 
 
@@ -510,7 +518,7 @@ def test_joint_with_a_clear_sign_decides_for_the_others(tmp_path):
     imported = import_file(file)
     for channel, joint in zip(imported.channels, (first, second), strict=True):
         np.testing.assert_allclose(channel.effort, -joint["torque_Nm"])
-    assert "their signs are reversed; --unit torque=1Nm prevents this" in imported.notes[-1]
+    assert "so their signs are reversed; to prevent this, add --unit torque=1Nm" in imported.notes[-1]
     kept = import_file(file, ImportOptions(units={"torque": "1Nm"}))
     for channel, joint in zip(kept.channels, (first, second), strict=True):
         np.testing.assert_allclose(channel.effort, joint["torque_Nm"])
@@ -566,8 +574,8 @@ HEADER = b"time_s,displacement_m,force_N\n"
         ("header.csv", HEADER, "no rows of data"),
         ("page.csv", "<html>404</html>", "no rows of data"),
         ("numbers.csv", b"0,1,2\n1,2,3\n", "the file has no column names; its first row is 0, 1, 2"),
-        ("short.csv", TEXT.replace("\n0.03,0.003,3", "\n0.03,0.003"), "header 3: '0.03,0.003'"),
-        ("long.csv", TEXT.replace("\n0.03,", "\n0.03,7,"), "line 5 has 4 cells and the header 3"),
+        ("short.csv", TEXT.replace("\n0.03,0.003,3", "\n0.03,0.003"), "header has 3: '0.03,0.003'"),
+        ("long.csv", TEXT.replace("\n0.03,", "\n0.03,7,"), "line 5 has 4 cells, but the header has 3"),
         ("line.csv", TEXT.replace("\n0.03,", "\n1_0,"), "line 5, column 'time_s': '1_0' is not a finite"),
         ("huge.csv", TEXT.replace(",3\n", ",1e300\n"), "line 5, column 'force_N': '1e300' is too large"),
         ("half.csv", TEXT.encode("utf-16")[:-1], "is not a text file; save it as CSV in UTF-8"),
@@ -599,7 +607,7 @@ def test_arrays_that_make_no_table_are_named(tmp_path):
     holes, objects, uneven = (tmp_path / name for name in ("holes.parquet", "objects.npz", "uneven.npz"))
     force = [*F[:10].tolist(), None, *F[11:].tolist()]
     pa.parquet.write_table(pa.table({"time_s": T, "displacement_m": X, "force_N": force}), holes)
-    assert "no value in 'force_N', the first in row 11" in import_file(holes).notes[0]
+    assert "no value in 'force_N'; the first is in row 11" in import_file(holes).notes[0]
     np.savez(objects, time_s=np.array([{"a": 1}], dtype=object))  # and it is not unpickled
     assert "column 'time_s' holds Python objects" in refusal(objects)
     np.savez(uneven, time_s=T, displacement_m=X[:-1], force_N=F)
@@ -645,7 +653,9 @@ def test_slow_press_without_time_uses_row_numbers_and_notes_it(contact):
     channel = only(imported)
     assert (np.diff(channel.time_s) == 1.0).all()
     assert channel.effort == pytest.approx(F)
-    assert any("no time column: rows are assumed to be 1 s apart" in note for note in imported.notes)
+    assert any(
+        "no time column was found, so rows are assumed to be 1 s apart" in note for note in imported.notes
+    )
 
 
 def test_unit_of_a_missing_time_is_the_interval_of_rows(contact, tmp_path):
@@ -670,7 +680,7 @@ def test_recorded_velocity_tells_the_interval_of_rows_without_a_time(tmp_path):
         imported = import_file(write_csv(tmp_path / "arm.csv", columns), units)
         return next(note for note in imported.notes if note.startswith("no time column"))
 
-    told = "rows are 10 ms apart according to 'vel1', if it is in rad/s: add --unit time=10ms"
+    told = "rows are 10 ms apart according to 'vel1', if it is in rad/s; add --unit time=10ms"
     assert advice().endswith(told)
     columns["torque1"][::3] = np.nan  # left out, but the others stay 10 ms apart
     assert advice().endswith(told)
@@ -679,7 +689,7 @@ def test_recorded_velocity_tells_the_interval_of_rows_without_a_time(tmp_path):
     assert advice().endswith("give their interval, as in --unit time=10ms")
     columns["vel1 [deg/s]"] = np.degrees(3.0 * np.cos(3.0 * t)) / 2.0
     del columns["vel1"]
-    assert advice().endswith("rows are 20 ms apart according to 'vel1 [deg/s]': add --unit time=20ms")
+    assert advice().endswith("rows are 20 ms apart according to 'vel1 [deg/s]'; add --unit time=20ms")
     columns = {name: values[:8] for name, values in columns.items()}  # too few
     assert advice().endswith("give their interval, as in --unit time=10ms")
 
@@ -688,7 +698,7 @@ def test_recorded_velocity_tells_the_interval_of_rows_without_a_time(tmp_path):
 def test_counter_is_proposed_as_the_time_and_asked_for_its_unit(contact, name):
     path = contact(time_s=None, **{name: 20.0 * np.arange(len(T)), "note": T})
     (advice,) = (note for note in import_file(path).notes if note.startswith("no time column"))
-    assert f"if '{name}', which rises by 20 a row, counts the time, add --column time=" in advice
+    assert f"if '{name}', which rises by 20 per row, counts the time, add --column time=" in advice
     assert "--unit time=UNIT" in advice
     chosen = ImportOptions(columns={"time": name}, units={"time": "0.0005s"})
     np.testing.assert_allclose(only(import_file(path, chosen)).time_s, 0.01 * np.arange(len(T)))
@@ -709,9 +719,9 @@ def test_motion_along_a_line_with_a_torque_is_refused_with_both_remedies(tmp_pat
     with pytest.raises(InputError) as caught:
         import_file(path)
     text = str(caught.value)
-    assert f"is in {unit} and 'torque [Nm]' in Nm: a torque goes with an angle" in text
+    assert f"is in {unit} and 'torque [Nm]' in Nm, but a torque goes with an angle" in text
     turning = {"velocity": "rad/s", "position": "rad"}[motion]
-    assert f"if the axis turns, add --unit {motion}={turning}; if it is moved along a line" in text
+    assert f"if the axis turns, add --unit {motion}={turning}; if it moves along a line" in text
     assert "--column force='torque [Nm]' --unit force=10N" in text
     channel = only(import_file(path, ImportOptions(units={motion: turning})))
     assert channel.kind is ChannelKind.REVOLUTE
@@ -742,7 +752,7 @@ def test_stated_number_of_presses_does_not_fix_clock_restarts(contact):
         import_file(path, ImportOptions(runs=2))
     imported = import_file(path, ImportOptions(runs=1))
     assert len(imported.run_labels) == 3
-    assert "if that is wrong, name the column that numbers them" in imported.notes[-1]
+    assert "if that is wrong, name the column that numbers the runs" in imported.notes[-1]
     assert "--runs" not in imported.notes[-1]
 
 

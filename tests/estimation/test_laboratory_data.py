@@ -139,7 +139,7 @@ def test_many_presses_are_grouped_into_runs(press):
     x = 4.0 * np.sin(5.0 * np.pi * t)  # 1500 presses
     imported = import_file(press(**{TIME: t, WAY: x, LOAD: 0.8 * np.maximum(x, 0.0)}))
     (channel,) = imported.channels
-    assert "cut into 500 runs, one for 3 presses" in imported.notes[0]
+    assert "cut into 500 runs, one for every 3 presses" in imported.notes[0]
     ends = np.flatnonzero(np.diff(channel.run))
     assert np.all(channel.position[ends] < 0.0)
     assert np.ptp(np.diff(ends)) <= 2
@@ -157,13 +157,16 @@ def test_number_of_presses_is_limited_by_the_number_of_runs(count, each):
 @pytest.mark.parametrize(
     ("changed", "note"),
     [
-        ({LOAD: -presses()[2], WAY: -1e3 * presses()[1]}, "are negative in compression: their signs are"),
+        ({LOAD: -presses()[2], WAY: -1e3 * presses()[1]}, "are negative in compression, so their signs are"),
         ({WAY: None, "Position [mm]": 1e3 * presses()[1]}, "change together, as in a press; if 'Pos"),
         *(
             ({TIME: scale * presses()[0]}, f"samples are {step} s apart; .* --unit time={unit}$")
             for scale, step, unit in ((1e3, "4", "ms"), (1e6, r"4e.03", "us"), (1e9, r"4e.06", "ns"))
         ),
-        ({WAY: some(1e3 * presses()[1], 4)}, "'Travel .mm.' has a value in 25 % of the rows; only complete"),
+        (
+            {WAY: some(1e3 * presses()[1], 4)},
+            "'Travel .mm.' has a value in 25 % of the rows, so only complete",
+        ),
         (
             {WAY: some(1e3 * presses()[1], 2), LOAD: some(presses()[2], 2, 1)},
             "all other columns are interpolated at the times of 'Load",
@@ -344,8 +347,11 @@ GOOD = "Time [s],Way [mm],Load [N]\n" + "".join(f"{i},{i},{i}\n" for i in range(
         (b"PAR1\x15\0\x81", "end in .parquet"),
         (b"\0\x81\x82", "is not a text file; save it as CSV"),
         # A row that is cut off is no footer.
-        (f"{GOOD}\nSpecimen 2\n{GOOD}9,9\n".encode(), r"csv, test 2: line 23 has 2 cells and the header 3"),
-        (f"{GOOD}9\n".encode(), "line 11 has 1 cell and the header 3"),
+        (
+            f"{GOOD}\nSpecimen 2\n{GOOD}9,9\n".encode(),
+            r"csv, test 2: line 23 has 2 cells, but the header has 3",
+        ),
+        (f"{GOOD}9\n".encode(), "line 11 has 1 cell, but the header has 3"),
     ],
 )
 def test_file_without_a_table_is_named(tmp_path, content, words):
@@ -449,7 +455,7 @@ def test_clock_beside_the_time_and_invalid_dates_leave_columns_unchanged(press):
 def test_time_unit_is_inferred_from_the_sample_step(press, scale, unit):
     imported = import_file(press(**{TIME: None, "__time": 1.7e9 * (scale == 1.0) + scale * presses()[0]}))
     assert np.ptp(imported.channels[0].time_s) == pytest.approx(np.ptp(presses()[0]), rel=1e-6)
-    assert f"'__time' states no unit and is read in {unit}, from its sample step" in imported.notes[0]
+    assert f"'__time' states no unit and is read in {unit}, as its sample step suggests" in imported.notes[0]
 
 
 SWING = {"time_s": np.arange(400) * 0.01, "position_1_rad": np.sin(0.02 * np.arange(400))}
@@ -497,6 +503,6 @@ def test_joint_missing_in_the_first_file_is_left_out_and_in_another_refused(tmp_
     imported = import_files(paths, ImportOptions())
     (joint,) = imported.channels
     assert joint.context["joint_position"].shape == (len(joint), 1)
-    assert "two.csv: joint_2 left out, since one.csv has none" in imported.notes
+    assert "two.csv: joint_2 left out, since one.csv has no such channel" in imported.notes
     with pytest.raises(InputError, match=r"one\.csv: has no channel 'joint_2', which .*two\.csv has"):
         import_files(paths[::-1], ImportOptions())

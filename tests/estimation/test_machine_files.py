@@ -199,7 +199,7 @@ def test_other_tables_are_named_with_the_option_that_selects_them(tmp_path):
         f"if line {line} names no columns, remove it"
     ) in import_file(path).read
     columns = {"displacement_mm": "Heat [K]"}
-    with pytest.raises(InputError, match="has 2 rows, at least 5"):
+    with pytest.raises(InputError, match="has 2 rows, but at least 5"):
         import_file(path, ImportOptions(table=line, columns=columns))
     with pytest.raises(InputError, match=f"no such table. Available: 1, {line}"):
         import_file(path, ImportOptions(table="2"))
@@ -281,14 +281,14 @@ def test_deflection_of_a_cantilever_is_subtracted_from_the_displacement_of_its_b
     np.testing.assert_allclose(imported.channels[0].position, 1e-6 * 1e3 * WAY_M, atol=3e-12)
     assert "the displacement is 'Z piezo [um]' minus 'Deflection [nm]'" in imported.notes[0]
     alone = import_file(path, ImportOptions(columns={"displacement": "Deflection [nm]"}))
-    assert "'Deflection [nm]' is proportional to 'Force [nN]' within rounding" in alone.notes[0]
+    assert "'Deflection [nm]' is proportional to 'Force [nN]' except for rounding" in alone.notes[0]
 
 
 def test_other_displacement_is_named(tmp_path):
     path = tmp_path / "press.csv"
     lines = [f"{line},{2.0 * way:.6f}" for line, way in zip(rows().splitlines(), WAY_M, strict=True)]
     path.write_text("Time [s],Crosshead [mm],Force [N],LVDT [mm]\n" + "\n".join(lines))
-    assert "'Crosshead [mm]' is read as the displacement, and not 'LVDT [mm]'" in import_file(path).notes[0]
+    assert "'Crosshead [mm]' is read as the displacement, not 'LVDT [mm]'" in import_file(path).notes[0]
 
 
 def test_text_without_numbers_beside_data_files_is_left_out(tmp_path):
@@ -296,10 +296,10 @@ def test_text_without_numbers_beside_data_files_is_left_out(tmp_path):
         (tmp_path / name).write_text(HEADER + rows())
     (tmp_path / "readme.txt").write_text("Foam at 4 speeds.\nOperator: A\n")
     imported = import_files(data_files(tmp_path), ImportOptions())
-    assert "readme.txt: left out, a text without numbers" in imported.notes
+    assert "readme.txt: left out, because it has no numbers" in imported.notes
     assert len(imported.run_labels) >= 2
     alone = import_files([tmp_path / "1.csv", tmp_path / "readme.txt"], ImportOptions())
-    assert "readme.txt: left out, a text without numbers" in alone.notes
+    assert "readme.txt: left out, because it has no numbers" in alone.notes
     (tmp_path / "named.txt").write_text(f"Specimen,{HEADER}" + "".join(f"steel,{line}" for line in LINES))
     both = import_files([tmp_path / "1.csv", tmp_path / "named.txt"], ImportOptions())
     assert any(label.startswith("named.txt") for label in both.run_labels.values())

@@ -290,7 +290,7 @@ def test_columns_without_names_are_proposed_by_their_shape(tmp_path):
     assert message.endswith(ending)
     message = refusal(saved(tmp_path / "four.csv", lines(WAY_M, FORCE_N, FORCE_N, WAY_M)))
     several = "for several joints, as in --column position_1=COLUMN --column torque_1=COLUMN"
-    interval = "without a time, --unit time=10ms states the interval of rows"
+    interval = "if no column holds the time, add the interval of rows, such as --unit time=10ms"
     assert message.endswith(
         f"as in --column displacement=COLUMN --column force=COLUMN; {several}; {interval}"
     )
@@ -326,7 +326,7 @@ def test_settings_that_never_change_are_not_proposed_as_the_motion(tmp_path):
     header = "time_s,position_p,position_d,torque_Nm\n"
     message = refusal(saved(tmp_path / "own.csv", header + lines(TIME_S, 1e4 * same, same, FORCE_N)))
     assert "position_p" not in message.partition("by names")[2]
-    assert "no column seems to hold a position or displacement" in message
+    assert "no column holds a position or displacement" in message
 
 
 def test_proposed_columns_keep_the_units_that_are_given(tmp_path):
@@ -386,7 +386,10 @@ def test_unit_in_percent_may_end_or_begin_a_row_of_units(tmp_path, separator, or
         ("time_s,F_arm,M_arm", "--column displacement=COLUMN --column force=F_arm --unit force=N"),
         ("time_s,Acceleration [V],Load [V]", "--column displacement=COLUMN --column force='Load [V]'"),
         ("time_s,temp,AI0", "--column displacement_mm=COLUMN --column force_N=COLUMN; if another file"),
-        ("Sample,temp,AI0", "force_N=COLUMN; without a time, --unit time=10ms states the interval of rows"),
+        (
+            "Sample,temp,AI0",
+            "force_N=COLUMN; if no column holds the time, add the interval of rows, such as --unit time=10ms",
+        ),
         ("time_s,depth,AI0", "--column displacement=depth --unit displacement=mm --column force_N=COLUMN"),
         ("time_s,depth_pct,depth_smooth", "--column displacement=depth_pct --column force_N=COLUMN"),
     ],

@@ -44,7 +44,7 @@ def test_pulling_spring_is_held_at_both_ends():
     assert channel.kind is ChannelKind.CONTACT
     assert channel.engaged.all()
     assert "'force_N' take both signs and change sign together" in found.notes[0]
-    assert "--column displacement=displacement_m reads it as a contact" in found.notes[0]
+    assert "to read them as a contact, add --column displacement=displacement_m" in found.notes[0]
     assert reject_reason(channel) is None
     assert quality_warnings(channel) == []
     model = MODELS["kelvin_voigt"]().build(ModelContext())
@@ -59,7 +59,10 @@ def test_damper_is_a_linear_axis_for_either_force_sign(force, sign):
     found = element(sign * force)
     (channel,) = found.channels
     assert channel.kind is ChannelKind.PRISMATIC
-    assert "read as a linear axis; --column displacement=displacement_m reads" in found.notes[-1]
+    assert (
+        "read as a linear axis; to read them as a contact, add --column displacement=displacement_m"
+        in found.notes[-1]
+    )
     assert np.corrcoef(channel.velocity, channel.effort)[0, 1] > 0.8
     assert reject_reason(channel) is None
 
@@ -96,9 +99,17 @@ def test_pulling_element_is_stored_as_one(tmp_path):
     ("way", "force", "said"),
     [
         (1.0, 1.0, ""),
-        (-1.0, -1.0, "are negative in compression: their signs are reversed"),
-        (1.0, -1.0, "is negative in compression: its sign is reversed; --unit force=1N prevents"),
-        (-1.0, 1.0, "is negative in compression: its sign is reversed; --unit displacement=1m prevents"),
+        (-1.0, -1.0, "are negative in compression, so their signs are reversed"),
+        (
+            1.0,
+            -1.0,
+            "negative in compression, so its sign is reversed; to prevent this, add --unit force=1N",
+        ),
+        (
+            -1.0,
+            1.0,
+            "negative in compression, so its sign is reversed; to prevent this, add --unit displacement=1m",
+        ),
     ],
 )
 def test_press_is_turned_so_that_compression_is_positive(way, force, said):
@@ -150,8 +161,8 @@ def test_absolute_force_keeps_its_sign_and_other_forces_are_named():
     found = imported(**columns)
     np.testing.assert_allclose(found.channels[0].effort, np.abs(force))
     notes = " ".join(found.notes)
-    assert "'absolute_force_N' holds absolute values according to its name, so its sign is kept" in notes
-    said = "read as the force, and not 'rf3_N'; if another column holds it, add --column force=COLUMN"
+    assert "according to its name, 'absolute_force_N' holds absolute values, so its sign is kept" in notes
+    said = "read as the force, not 'rf3_N'; if another column holds the force, add --column force=COLUMN"
     assert said in notes
     chosen = imported(ImportOptions(columns={"force": "rf3_N"}), **columns)
     np.testing.assert_allclose(np.abs(chosen.channels[0].effort), np.abs(force))
@@ -282,7 +293,9 @@ def test_relaxing_stretched_fiber_is_held_at_both_ends(sign):
     assert channel.engaged.all()
     assert "'force_N' varies at every displacement" in found.notes[0]
     assert "compression" not in found.notes[0]  # nothing is compressed
-    assert ("the sign of 'force_N' is reversed; --unit force=1N" in found.notes[0]) == (sign < 0.0)
+    assert ("the sign of 'force_N' is reversed; to prevent this, add --unit force=1N" in found.notes[0]) == (
+        sign < 0.0
+    )
     assert reject_reason(channel) is None
     np.testing.assert_allclose(channel.effort, RELAXING)  # a spring from the gap's zero on has this sign
 
@@ -298,4 +311,4 @@ def test_element_far_from_its_zero_is_said_to_depend_on_it(middle_m, warned):
     way = middle_m + 3e-5 * np.sin(W * T)
     read = element(-2.0 + 0.5 * np.sin(3.0 * W * T), displacement_m=way)
     said = " ".join(read.notes)
-    assert ("its zero decides the stiffness" in said) == warned, said
+    assert ("the stiffness depends on its zero" in said) == warned, said

@@ -268,7 +268,7 @@ def test_accelerations_may_accompany_named_columns(name):
 def test_no_column_is_proposed_as_a_force_against_its_name(tmp_path, names):
     columns = np.cumsum(np.random.default_rng(0).random((len(names.split(",")), 50)), axis=1)
     said = refused_table(tmp_path / "own.csv", names, columns)
-    assert "no column seems to hold a force or torque" in said
+    assert "no column holds a force or torque" in said
     assert names.replace(",", ", ") in said
     assert not any(f"{effort}={name}" in said for name in names.split(",") for effort in ("force", "torque"))
 

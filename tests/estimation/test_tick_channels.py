@@ -189,7 +189,7 @@ def test_contact_ignores_presses_in_another_direction():
     (alone,) = contact_channels(straight, tared=False)
     assert of_both.name == "contact"
     np.testing.assert_array_equal(of_both.effort, alone.effort)
-    assert of_both.import_warnings[0].startswith("3 of 6 presses have another direction than the first")
+    assert of_both.import_warnings[0].startswith("3 of 6 presses differ in direction from the first")
     assert not alone.import_warnings
 
 

@@ -266,8 +266,8 @@ def test_counts_beside_a_force_are_lengths():
 @pytest.mark.parametrize(
     ("column", "factor", "words"),
     [
-        ("Load [kPa]", 1e3, "used as the force: results are in Pa, not N; for N, give the area, as"),
-        ("Load [mV]", 1e-3, "used as the force: results are in V, not N; for N, give the sensor's"),
+        ("Load [kPa]", 1e3, "used as the force, so results are in Pa, not N; for N, give the area, as"),
+        ("Load [mV]", 1e-3, "used as the force, so results are in V, not N; for N, give the sensor's"),
     ],
 )
 def test_effort_without_a_constant_is_used_with_a_note(column, factor, words):

@@ -125,11 +125,13 @@ REJECTED = {
     "only 0 samples": lambda: DATA.select(COUNT[:0]),
     "was rectified; record it with its sign": lambda: replace(swinging(), effort=np.abs(swinging().effort)),
     "recorded as an absolute value": lambda: with_lost_sign(0.3),
-    "was the sign cut off": lambda: replace(swinging(), effort=np.maximum(swinging().effort, 0.0)),
+    "negative readings were probably cut off": lambda: replace(
+        swinging(), effort=np.maximum(swinging().effort, 0.0)
+    ),
     "fewer than two runs have": press(**SHORT_RUNS, run=np.maximum(COUNT - 1500, 0) // 5),
     "runs last": press(run=COUNT // 8),
     "at most one run has motion": lambda: moving_in_one_run(phase=1),
-    "excluded readings (800)": glitch_in_each_block,
+    "800 readings are excluded": glitch_in_each_block,
     f"{-(-len(DATA) // 60)} readings of the effort are far from their neighbors, such as -9999 N": press(
         effort=np.where(COUNT % 60 == 0, -9999.0, F)
     ),
@@ -178,9 +180,11 @@ IMPLAUSIBLE = {  # what is said of it, and how often
     "the signal was rectified, and": press(effort=np.abs(F)),
     "was one column used for both?": press(effort=0.5 * DATA.position),
     "explain only 0 % of the force; is it the right column?": press(effort=shuffled_in_contact()),
-    "only one run, which goes through its motion once: changes": lambda: DATA.of_runs(DATA.runs[:1]),
+    "only one run was recorded, and it goes through its motion once, so changes": lambda: DATA.of_runs(
+        DATA.runs[:1]
+    ),
     "cannot be separated; record at least three runs": lambda: one_recording(lambda t: t),
-    "run 1 is a copy of run 0 (and 2 more): 100 % of its noise": copies,
+    "run 1 is a copy of run 0 (one of 3 copies): 100 % of its noise": copies,
     "its neighbors, such as 500 N at 0.2 s; diagnosis": press(effort=np.where(COUNT == 100, 500.0, F)),
     "far from their neighbors, such as 0 N": press(effort=np.where((COUNT % 30 == 7) & DATA.engaged, 0.0, F)),
     "run 6 is a copy of run 0: 100 % of its noise": lambda: joined(DATA, DATA.of_runs(DATA.runs[:1])),
@@ -373,7 +377,7 @@ def test_wrong_velocity_is_detected_through_encoder_steps(factor, step):
 def test_copied_run_is_detected_by_its_noise(correlation, step_n):
     again = copies(session(3, correlation=correlation))
     again = replace(again, effort=stepped(again.effort, step_n))
-    assert "is a copy of run 0 (and 2 more): 100 %" in quality_warnings(again)[0]
+    assert "is a copy of run 0 (one of 3 copies): 100 %" in quality_warnings(again)[0]
     (told,) = list_warnings((name, quality_warnings(again)[:1]) for name in ("joint_1", "joint_2"))
     assert told.startswith("joint_1, joint_2: run ")
     assert set(again.run[usable(again)]) == {0}
@@ -385,7 +389,7 @@ def test_equal_run_without_noise_is_left_out(step_n):
     exact = replace(DATA, effort=stepped(EXACT, step_n)).of_runs(DATA.runs[:2])
     again = joined(exact, exact)
     (told,) = (warning for warning in quality_warnings(again) if "copy" in warning)
-    assert "of run 0 (and 1 more): all of its readings are the same, so it adds no information" in told
+    assert "of run 0 (one of 2 copies): all of its readings are the same, so it adds no information" in told
     assert set(again.run[usable(again)]) == {0, 1}
     assert reject_reason(again) is None
 

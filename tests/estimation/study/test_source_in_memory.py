@@ -32,8 +32,8 @@ N = len(T)
         (np.ones(N) * 1j, "column 'force_N' holds complex numbers"),
         ([object()] * N, "column 'force_N' holds values of type object"),
         (["much"] * N, "holds no numbers at all; name another one with --column"),
-        (T.astype("datetime64[s]"), "column 'force_N' holds clock times, expected force"),
-        ([f"00:00:{t:05.2f}" for t in T], "column 'force_N' holds clock times, expected force"),
+        (T.astype("datetime64[s]"), "column 'force_N' holds clock times instead of force"),
+        ([f"00:00:{t:05.2f}" for t in T], "column 'force_N' holds clock times instead of force"),
         ([*T.tolist()[:-1], [1.0, 2.0]], "column 'force_N' holds values of type float, list"),
     ],
 )
