@@ -202,7 +202,7 @@ def _mark_coarse(estimate: Estimate, data: ChannelData, rows: BoolArray) -> Esti
         return estimate
     unknown = float("nan")
     remedy = "press harder, or use a softer object or a finer encoder"
-    note = f"{describe_steps(data, rows)}, too few for a slope: {remedy}"
+    note = f"{describe_steps(data, rows)}, too few to fit a slope; {remedy}"
     parameters = tuple(
         replace(p, std_err=unknown, interval=(unknown, unknown), determined=Determined.NO)
         for p in estimate.parameters

@@ -53,41 +53,43 @@ UNSEEN_IN_ONE_PASS = SENSOR_KINDS | {
 _SEPARATING = {
     (Kind.RATE_DEPENDENCE, Kind.SENSOR_DYNAMICS): (
         "move at two speeds that differ by a factor of five: the force of a damper grows with the speed, "
-        "the delay of a reading does not change"
+        "but the delay of a reading does not change"
     ),
     (Kind.RATE_DEPENDENCE, Kind.TIME_MEMORY): (
         "hold the position for several times the longest move: relaxation continues, but a damper's force "
         "ends with the motion"
     ),
     (Kind.RATE_DEPENDENCE, Kind.FRICTION): (
-        "move at a tenth of the speed: dry friction stays, viscous forces fall to a tenth"
+        "move at a tenth of the speed: dry friction does not change, but viscous forces fall to a tenth"
     ),
     (Kind.ELASTIC_SHAPE, Kind.SENSOR_STATICS): "measure known loads: a sensor errs there too",
     (Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY): "move to one position at two speeds, and hold there",
     (Kind.ELASTIC_SHAPE, Kind.CONTACT_GEOMETRY): (
         "press again on the same spot, and slowly through the first touch"
     ),
-    (Kind.ELASTIC_SHAPE, Kind.PERIODIC): "move over a wider range: a ripple repeats, a spring does not",
+    (Kind.ELASTIC_SHAPE, Kind.PERIODIC): "move over a wider range: a ripple repeats, but a spring does not",
     (Kind.FRICTION, Kind.TIME_MEMORY): (
-        "stop halfway and hold: relaxation continues at rest, friction does not change"
+        "stop halfway and hold: relaxation continues at rest, but friction does not change"
     ),
     (Kind.FRICTION, Kind.CONTACT_GEOMETRY): (
         "press twice on the same spot: a permanent set moves the second touch"
     ),
     (Kind.DRIFT, Kind.TIME_MEMORY): (
-        "record the unloaded sensor for as long as a run: drift continues without a load, relaxation does not"
+        "record the unloaded sensor for as long as a run: drift continues without a load, but relaxation "
+        "does not"
     ),
     (Kind.DRIFT, Kind.RUN_DIFFERENCES): "repeat the first run at the end",
     (Kind.CONTACT_GEOMETRY, Kind.TIME_MEMORY): (
-        "press again after a long rest: a permanent set stays, relaxation recovers"
+        "press again after a long rest: a permanent set remains, but relaxation recovers"
     ),
     (Kind.GRAVITY_LOAD, Kind.ELASTIC_SHAPE): "move over a wider range: gravity repeats once a turn",
     (Kind.GRAVITY_LOAD, Kind.SENSOR_STATICS): (
-        "hold the joint at two angles half a turn apart: the torque of a weight changes sign, a bias does not"
+        "hold the joint at two angles half a turn apart: the torque of a weight changes sign, but a bias "
+        "does not"
     ),
     (Kind.CONTACT_GEOMETRY, Kind.SENSOR_STATICS): "check the force sensor with known weights",
     (Kind.FRICTION, Kind.SENSOR_STATICS): (
-        "move slowly through the same positions in both directions: friction reverses, the error of a "
+        "move slowly through the same positions in both directions: friction reverses, but the error of a "
         "sensor does not"
     ),
     (Kind.INERTIA, Kind.SENSOR_DYNAMICS): "repeat the motion at another acceleration",

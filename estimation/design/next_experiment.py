@@ -105,7 +105,7 @@ _BY_SIGNAL: Mapping[str, str] = {
     "time": f"repeat the same motion after a pause; {_UNLOADED}",
     "offset": _UNLOADED,
     "rare events": (
-        "repeat the motion, then repeat it at half the speed: impacts become weaker, lost readings do not"
+        "repeat the motion, then repeat it at half the speed: impacts become weaker, but lost readings do not"
     ),
     "run": "repeat the same motion, and see whether runs differ again",
     **dict.fromkeys(("position", "effort", "load"), "move further, slowly"),

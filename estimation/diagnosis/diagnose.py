@@ -156,7 +156,7 @@ def diagnose_channel(
     if may_be_rounding and (reason := _too_few_levels(search.start)):
         return insufficient_diagnosis(data, reason)
     if evidence.complete and not names and len(data) < _MIN_ADEQUATE:
-        reason = f"no missing effect was found, but {len(data)} samples would show only a large one"
+        reason = f"no missing effect was found, but only a large one can be found in {len(data)} samples"
         return insufficient_diagnosis(data, f"{reason}; record at least {_MIN_ADEQUATE}")
     return decide_verdict(evidence)
 
@@ -285,6 +285,6 @@ def _too_few_levels(start: FitResult) -> str | None:
         return None
     return (
         f"the effort has only {len(levels)} {FEW_READINGS}, {with_unit(step, unit)} apart, and the model "
-        f"error of {with_unit(start.rmse, unit)} is less than one such step: the residual may be rounding; "
-        "use a finer sensor, or a motion that takes more effort"
+        f"error of {with_unit(start.rmse, unit)} is less than one such step, so the residual may be rounding;"
+        " use a finer sensor, or a motion that takes more effort"
     )

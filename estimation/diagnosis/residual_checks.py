@@ -88,14 +88,15 @@ def check_residuals(
         return None
     if complete and (left := _error_with_own_waves(end)) is not None:
         return ResidualFinding(
-            "the error ripples with position, and its phase differs between runs: a wave fitted to each run "
-            f"would leave {with_unit(left, unit)}; start each run from the same reference position",
+            "the error ripples with position, and its phase differs between runs; with a wave fitted to each "
+            f"run, the error would be {with_unit(left, unit)}; start each run from the same reference "
+            "position",
             "run",
         )
     if heterogeneity and _is_heterogeneous(heterogeneity, end, measurement, rng):
         return ResidualFinding(
-            f"the runs do not follow one law: run {heterogeneity.run} is off by "
-            f"{with_unit(heterogeneity.run_predicted, unit)} when predicted from the others, by "
+            f"the runs do not follow one law: run {heterogeneity.run} has an error of "
+            f"{with_unit(heterogeneity.run_predicted, unit)} when predicted from the other runs, but "
             f"{with_unit(heterogeneity.run_alone, unit)} when fitted alone; did "
             "something change between the runs, such as the object or a sensor?",
             "run",
@@ -193,8 +194,8 @@ def _oscillation(end: FitResult) -> ResidualFinding | None:
     if end.rmse <= min(in_air, _EXCESS_OF_LINE * remainder):
         return None
     return ResidualFinding(
-        f"the error oscillates at {line[0]:.3g} Hz with {with_unit(size, unit)}, but no signal of the data "
-        "oscillates at this frequency",
+        f"the error oscillates at {line[0]:.3g} Hz with {with_unit(size, unit)} rms, but no signal of the "
+        "data oscillates at this frequency",
         "time",
     )
 
@@ -212,8 +213,8 @@ def find_rare_events(end: FitResult, noise: MeasurementNoise) -> ResidualFinding
     if share < _PEAKED or is_noise:
         return None
     return ResidualFinding(
-        f"{100 * _FEW:.0f} % of the samples hold {100 * share:.0f} % of the squared error, as after "
-        "impacts, a breakaway or lost readings; look at the effort at these times",
+        f"{100 * _FEW:.0f} % of the samples hold {100 * share:.0f} % of the squared error, as "
+        "happens after impacts, a breakaway or lost readings; look at the effort where the error is largest",
         RARE_EVENTS,
     )
 

@@ -482,7 +482,7 @@ def _reason(
     beyond = f"; {evidence.extrapolation.describe(error)}" if evidence.extrapolation else ""
     if evidence.confused_with_runs is not None:
         base = evidence.confused_with_runs.describe("squared error of the base model")
-        beyond = f"; {base}: a law of the motion may look like this difference between runs"
+        beyond = f"; {base}, and a law of the motion may look like this difference between runs"
     if verdict is Verdict.MISSING:
         decrease = error_decrease(accepted, evidence.stages[0].rmse, last, unit)
         if evidence.leaves_only_noise:
@@ -528,7 +528,7 @@ def _describe_motion_error(evidence: Evidence) -> str:
         for cause, error_of in causes.items():
             if left <= (most := error_of(end, evidence.measurement)):
                 explained = f"the {with_unit(left, unit)} that a flexible regression explains"
-                return f"; {cause}, up to {with_unit(most, unit)}, may cause {explained}"
+                return f"; {cause} causes errors of up to {with_unit(most, unit)}, which may be {explained}"
     return ""
 
 

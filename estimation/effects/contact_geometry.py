@@ -26,8 +26,8 @@ class ContactOffset(MotionEffect):
     inner = (Parameter("offset", "{position}", -1.0, 1.0, (-1e-3, 1e-3)),)
     start_multiples = {"offset": ("deepest", (-0.5, -0.2, -0.08, -0.03, -0.01, 0.01, 0.03, 0.08, 0.2, 0.5))}
     confused_with = {
-        "bias": "record free air: a sensor's bias also appears there, an offset does not",
-        "adhesion": "watch the force just before contact is lost: adhesion pulls",
+        "bias": "record free air: a sensor's bias also appears there, but an offset does not",
+        "adhesion": "watch the force just before contact is lost: adhesion pulls the tool there",
     }
 
     def move(self, data: ChannelData, inner: Inner) -> ChannelData:
@@ -89,7 +89,7 @@ class PlasticSet(MotionEffect):
         Parameter("kept", "1", 0.0, 1.0, (0.0, 1.0)),
     )
     confused_with = {
-        "stress_relaxation": "wait and press again: a permanent set stays, relaxation recovers",
+        "stress_relaxation": "wait and press again: a permanent set remains, but relaxation recovers",
         "adhesion": "press twice on one spot: a permanent set moves the second touch",
         "hysteresis": "press twice on one spot: the sensor has no memory of the depth",
     }

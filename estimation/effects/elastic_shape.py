@@ -65,10 +65,10 @@ class CubicStiffness(AdditiveEffect):
     gains = (Parameter("k3", "{effort}/{position}^3", -1e13, 1e13, (1.0, 1e9)),)
     elastic = ("k3",)
     confused_with = {
-        "exponential_stiffness": "move further: an exponential soon outgrows a cubic",
+        "exponential_stiffness": "move further: an exponential soon exceeds a cubic",
         "power_law_stiffness": "move further: a power law and a cubic diverge",
         "hunt_crossley": "move further: a power law and a cubic diverge",
-        "layered_stiffness": "move further: a layer has a kink where the slope jumps, a cubic has none",
+        "layered_stiffness": "move further: a layer has a kink where the slope jumps, but a cubic has none",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -90,10 +90,12 @@ class PowerLawStiffness(AdditiveEffect):
     inner = (Parameter("n", "1", 0.3, 6.0, (0.4, 4.0)),)
     confused_with = {
         "cubic_stiffness": "move further: a power law and a cubic diverge",
-        "exponential_stiffness": "move further: an exponential soon outgrows any power",
-        "hunt_crossley": "press at two speeds: its damping grows with depth",
-        "layered_stiffness": "move further: layers have a kink, a power law has none",
-        "softening_stiffness": "move further: its force becomes linear, a power law keeps softening",
+        "exponential_stiffness": "move further: an exponential soon exceeds any power law",
+        "hunt_crossley": "press at two speeds: the damping of hunt_crossley grows with depth",
+        "layered_stiffness": "move further: layers have a kink, but a power law has none",
+        "softening_stiffness": (
+            "move further: a power law keeps softening, but the force of softening_stiffness becomes linear"
+        ),
         "contact_offset": "find the surface by a slow touch: an offset bends the curve near the surface only",
     }
 
@@ -112,7 +114,10 @@ class LayeredStiffness(AdditiveEffect):
     physics = "Below a certain depth a stiffer or softer layer carries load too, or the specimen yields."
     equation = "F = k2 max(x - d, 0)"
     source = "S. Timoshenko, Vibration Problems in Engineering (1937), ch. II: piecewise-linear stiffness"
-    signature = "the slope of force over depth jumps at one depth; if a layer causes it, also on the way out"
+    signature = (
+        "the slope of force over depth jumps at one depth; if a layer causes the jump, it also appears on "
+        "the way out"
+    )
     signals = ("position",)
     channels = frozenset({ChannelKind.CONTACT})
     gains = (Parameter("k2", "{effort}/{position}", -1e12, 1e12, (10.0, 20000.0)),)
@@ -121,9 +126,9 @@ class LayeredStiffness(AdditiveEffect):
     start_multiples = {"depth": ("deepest", np.linspace(0.1, 0.85, 11))}
     confused_with = {
         "exponential_stiffness": "move further: beyond the kink a layer is linear",
-        "softening_stiffness": "read more often near the bend: only a layer has a kink",
-        "cubic_stiffness": "move further: beyond the kink a layer is linear, a cubic keeps curving",
-        "hunt_crossley": "move further: beyond the kink a layer is linear, a power law keeps curving",
+        "softening_stiffness": "record more samples near the bend: only a layer has a kink",
+        "cubic_stiffness": "move further: beyond the kink a layer is linear, but a cubic keeps curving",
+        "hunt_crossley": "move further: beyond the kink a layer is linear, but a power law keeps curving",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -174,8 +179,8 @@ class SofteningStiffness(AdditiveEffect):
     inner = (Parameter("d", "{position}", 1e-12, 10.0, (1e-4, 0.02), log=True),)
     start_multiples = {"d": ("deepest", (0.03, 0.07, 0.15, 0.3, 0.6, 1.2))}
     confused_with = {
-        "layered_stiffness": "read more often near the bend: only a layer has a kink",
-        "power_law_stiffness": "move further: a power law keeps softening, this force becomes linear",
+        "layered_stiffness": "record more samples near the bend: only a layer has a kink",
+        "power_law_stiffness": "move further: a power law keeps softening, but this force becomes linear",
         "plastic_set": "unload: an elastic spring softens in the same way on the way out",
         "contact_offset": "find the surface by a slow touch: a wrong surface bends the curve near it only",
     }
@@ -207,7 +212,7 @@ class JointSpring(AdditiveEffect):
         "bias": "move over a wide range: a bias is the same everywhere",
         "gravity_tilt": "fit all joints together: a tilt affects all of them; or move over a wide range",
         "cubic_stiffness": "move over a wide range",
-        "stiffness": "not possible: in a contact, both names denote the same term",
+        "stiffness": "not possible, because both names denote the same term in a contact",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -232,15 +237,17 @@ class JointElasticity(MotionEffect):
     equation = "q_true = q - c load, with its derivatives"
     source = "M. W. Spong, J. Dyn. Sys. Meas. Control 109 (1987)"
     signature = (
-        "errors appear at fast changes of the load, not at slow ones: they grow with its second derivative"
+        "errors appear at fast changes of the load, because they grow with the second derivative of the load"
     )
     signals = ("load",)
     channels = JOINTS
     inner = (Parameter("compliance", "{position}/{effort}", 0.0, 1e9, (1e-05, 0.1), log=True),)
     needs = ("load",)
     confused_with = {
-        "lag": "move slowly under a large load: a spring yields at rest too",
-        "inertia": "move at two frequencies: the effect of elasticity grows with their fourth power",
+        "lag": "move slowly under a large load: a spring also yields at rest, but a lag has no effect there",
+        "inertia": (
+            "move at two frequencies: the effect of elasticity grows with the fourth power of the frequency"
+        ),
     }
 
     def __init__(self, form: int = 0) -> None:
@@ -333,9 +340,9 @@ class ExponentialStiffness(AdditiveEffect):
     elastic = ("a",)
     inner = (Parameter("b", "1/{position}", 1e-3, 1e9, (10.0, 1000.0), log=True),)
     confused_with = {
-        "power_law_stiffness": "move further: an exponential soon outgrows any power",
-        "cubic_stiffness": "move further: an exponential soon outgrows a cubic",
-        "layered_stiffness": "move further: layers have a kink, an exponential has none",
+        "power_law_stiffness": "move further: an exponential soon exceeds any power law",
+        "cubic_stiffness": "move further: an exponential soon exceeds a cubic",
+        "layered_stiffness": "move further: layers have a kink, but an exponential has none",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:

@@ -29,14 +29,16 @@ class CoulombFriction(AdditiveEffect):
     inner: ClassVar[tuple[Parameter, ...]] = (TRANSITION,)
     start_multiples = {"transition": ("rms_speed", (0.003, 0.01, 0.03, 0.08))}
     confused_with = {
-        "bias": "reverse the motion: friction then acts the other way, a bias does not",
+        "bias": "reverse the motion: friction then acts the other way, but a bias does not",
         "position_dependent_friction": "move over a wide range",
-        "presliding_friction": "stop and creep back and forth: presliding depends on the path, not on speed",
+        "presliding_friction": (
+            "stop and creep back and forth: presliding depends on the path, not on the speed"
+        ),
         "stribeck_friction": "move very slowly: Stribeck friction rises towards zero speed",
-        "load_dependent_friction": "repeat with another load: Coulomb friction stays",
-        "asymmetric_friction": "let the joint rest: a bias remains, asymmetric friction vanishes",
+        "load_dependent_friction": "repeat with another load: Coulomb friction does not change",
+        "asymmetric_friction": "let the joint rest: a bias remains, but asymmetric friction vanishes",
         "hysteresis": "reverse slowly at several loads",
-        "backlash": "reverse slowly: in a gap the effort vanishes, and comes back",
+        "backlash": "reverse slowly: in a gap, the effort vanishes until the gap is crossed",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -57,7 +59,7 @@ class AsymmetricFriction(CoulombFriction):
         Parameter("viscous_backward", "{effort} s/{position}", -1e12, 1e12, (0.001, 50.0)),
     )
     confused_with = {
-        "bias": "let the joint rest: a bias stays, friction does not push",
+        "bias": "let the joint rest: a bias remains, but asymmetric friction vanishes",
         "coulomb_friction": "move equally in both directions",
     }
     parts = ("coulomb_friction", "bias")
@@ -98,7 +100,9 @@ class LoadDependentFriction(CoulombFriction):
     confused_with = {
         "load_dependent_presliding": "stop under load: presliding friction keeps its last value at rest",
         "coulomb_friction": "repeat with another load",
-        "torque_gain": "lift and lower the same load: friction changes sign with the motion, a gain does not",
+        "torque_gain": (
+            "lift and lower the same load: friction changes sign with the motion, but a gain does not"
+        ),
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -141,7 +145,7 @@ class PositionDependentFriction(AdditiveEffect):
     # With less than a wave in the range of motion, it fits any friction that varies smoothly with position.
     inner = (Parameter("cycles", "1/{position}", 1e-3, 1e5, (0.5, 10.0), log=True), TRANSITION)
     confused_with = {
-        "torque_ripple": "compare both directions: ripple keeps its sign, friction does not",
+        "torque_ripple": "compare both directions: ripple keeps its sign, but friction does not",
         "load_dependent_friction": "repeat with another load at the same places",
         "coulomb_friction": "move over a wide range",
     }

@@ -61,7 +61,7 @@ class RigidBodyFitted(AdditiveEffect):
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     needs = ("rigid_body_regressor",)
     confused_with = {
-        "payload": "not possible in one recording: a payload belongs to the last link's parameters"
+        "payload": "not possible in one recording, because a payload belongs to the last link's parameters"
     }
 
     def __init__(
@@ -210,7 +210,7 @@ class Pendulum(AdditiveEffect):
     )
     confused_with = {
         "gravity_tilt": "turn the base by a known angle",
-        "joint_spring": "swing by more than 60 degrees: a sine flattens, a spring stays linear",
+        "joint_spring": "swing by more than 60 degrees: a sine flattens, but a spring stays linear",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -231,8 +231,8 @@ class Weight(AdditiveEffect):
         Parameter("g2", "{effort}", -1e12, 1e12, (-50.0, 50.0)),
     )
     confused_with = {
-        "joint_spring": "swing by more than 60 degrees: a sine flattens, a spring stays linear",
-        "cubic_stiffness": "swing by more than 90 degrees: a sine falls again, a cubic does not",
+        "joint_spring": "swing by more than 60 degrees: a sine flattens, but a spring stays linear",
+        "cubic_stiffness": "swing by more than 90 degrees: a sine falls again, but a cubic does not",
         "bias": "move over a wide range: a bias is the same everywhere",
     }
 

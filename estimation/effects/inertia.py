@@ -20,8 +20,8 @@ class Inertia(AdditiveEffect):
     one_sided = False
     gains = (Parameter("m", "{inertia}", 0.0, 1e12, (0.0001, 200.0)),)
     confused_with = {
-        "armature": "not possible in one channel: a rotor adds to the inertia of its joint",
-        "lag": "move at two frequencies: a lagging spring looks mostly like a damper, an inertia does not",
+        "armature": "not possible in one channel, because a rotor adds to the inertia of its joint",
+        "lag": "move at two frequencies: a spring with a lag looks like a damper, but an inertia does not",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -41,7 +41,7 @@ class Armature(AdditiveEffect):
     confused_with = {
         "lag": "move at two frequencies",
         "payload": "hold still in several postures: rotor inertia has no effect at rest",
-        "inertia": "not possible in one channel: a rotor adds to the inertia of its joint",
+        "inertia": "not possible in one channel, because a rotor adds to the inertia of its joint",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -80,7 +80,9 @@ class JointCoupling(AdditiveEffect):
     confused_with = {
         "coulomb_friction": "hold this joint still and move its neighbor",
         "viscous_friction": "hold this joint still and move its neighbor",
-        "rigid_body_fitted": "move slowly: friction of the coupling stays, inertia of the links does not",
+        "rigid_body_fitted": (
+            "move slowly: friction of the coupling remains, but inertia of the links does not"
+        ),
     }
 
     def __init__(self, neighbor: int = 0) -> None:

@@ -47,7 +47,7 @@ class PreslidingFriction(AdditiveEffect):
         "coulomb_friction": "stop and creep back and forth: presliding depends on the path, not on the speed",
         "load_dependent_presliding": "repeat with another load",
         "bouc_wen_hysteresis": "reverse halfway: dry friction then approaches its limit exponentially",
-        "backlash": "reverse slowly: in a gap the effort vanishes, and comes back",
+        "backlash": "reverse slowly: in a gap, the effort vanishes until the gap is crossed",
         "hysteresis": "reverse slowly at several loads",
     }
 
@@ -80,7 +80,9 @@ class LoadDependentPresliding(PreslidingFriction):
     confused_with = {
         "load_dependent_friction": "stop under load: presliding friction keeps its last value at rest",
         "presliding_friction": "repeat with another load",
-        "torque_gain": "lift and lower the same load: friction changes sign with the motion, a gain does not",
+        "torque_gain": (
+            "lift and lower the same load: friction changes sign with the motion, but a gain does not"
+        ),
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -177,7 +179,7 @@ class BoucWenHysteresis(AdditiveEffect):
         "presliding_friction": "reverse halfway: dry friction then approaches its limit exponentially",
         "dry_friction": "reverse halfway: dry friction then approaches its limit exponentially",
         "hysteresis": "reverse slowly at several loads: a hysteresis of the sensor depends on the effort",
-        "stress_relaxation": "hold: relaxation continues at rest, hysteresis does not",
+        "stress_relaxation": "hold: hysteresis stops with the motion, but relaxation continues",
         "damping": "probe at two speeds: hysteresis does not depend on speed",
     }
 
@@ -216,11 +218,15 @@ class Backlash(MotionEffect):
         Parameter("motor_friction", "1", 0.0, 1.0, (0.0, 1.0)),
     )
     confused_with = {
-        "presliding_friction": "reverse slowly: friction changes sign, in a gap the effort vanishes",
+        "presliding_friction": "reverse slowly: friction changes sign, but in a gap the effort vanishes",
         "loaded_backlash": "reverse with the load to one side: the link then stays on one side of the gap",
-        "hysteresis": "reverse slowly at several loads: a gap is crossed in position, a hysteresis in effort",
+        "hysteresis": (
+            "reverse slowly at several loads: a gap is crossed in position, but a hysteresis in effort"
+        ),
         "coulomb_friction": "reverse slowly",
-        "joint_elasticity": "push against a stop: a spring yields in proportion, a gap by a fixed amount",
+        "joint_elasticity": (
+            "push against a stop: a spring yields in proportion to the push, but a gap by a fixed amount"
+        ),
     }
 
     def move(self, data: ChannelData, inner: Inner) -> ChannelData:
@@ -267,7 +273,9 @@ class LoadedBacklash(MotionEffect):
     needs = ("load",)
     confused_with = {
         "backlash": "reverse with the load to one side: the link then stays on one side of the gap",
-        "joint_elasticity": "increase the load: a spring yields in proportion, a gap by a fixed amount",
+        "joint_elasticity": (
+            "increase the load: a spring yields in proportion to it, but a gap by a fixed amount"
+        ),
         "presliding_friction": "hold still and change the load",
     }
 

@@ -18,9 +18,12 @@ class Damping(AdditiveEffect):
     signals = ("velocity",)
     gains = (Parameter("c", "{effort} s/{position}", 0.0, 1e12, (0.1, 500.0)),)
     confused_with = {
-        "delay": "probe at two speeds and hold: a delay shifts force in time, a damper has no force at rest",
-        "viscous_friction": "not possible: in a joint, both names denote the same term",
-        "stress_relaxation": "hold: relaxation continues at rest, damping does not",
+        "delay": (
+            "probe at two speeds and hold: a delay shifts the force in time, but a damper has no force at "
+            "rest"
+        ),
+        "viscous_friction": "not possible, because both names denote the same term in a joint",
+        "stress_relaxation": "hold: relaxation continues at rest, but damping does not",
         "hysteresis": "probe at two speeds: hysteresis does not depend on speed",
     }
 
@@ -42,7 +45,7 @@ class ViscousFriction(AdditiveEffect):
         "joint_coupling": "hold this joint still and move its neighbor",
         "delay": "move at two speeds with the same acceleration",
         "lag": "move at two speeds with the same acceleration",
-        "damping": "not possible: in a contact, both names denote the same term",
+        "damping": "not possible, because both names denote the same term in a contact",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -105,9 +108,9 @@ class HuntCrossley(AdditiveEffect):
     essential = ("b",)
     inner = (Parameter("n", "1", 0.5, 4.0, (1.0, 2.0)),)
     confused_with = {
-        "power_law_stiffness": "press at two speeds: its damping grows with depth",
+        "power_law_stiffness": "press at two speeds: the damping of hunt_crossley grows with depth",
         "cubic_stiffness": "move further: a power law and a cubic diverge",
-        "layered_stiffness": "move further: layers have a kink, a power law has none",
+        "layered_stiffness": "move further: layers have a kink, but a power law has none",
         "contact_offset": "find the surface by a slow touch: an offset bends the curve near the surface only",
     }
 

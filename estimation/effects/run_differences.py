@@ -200,7 +200,9 @@ class RunGain(RunVariation):
     signals = ("effort", "recorded")
     confused_with = {
         "torque_gain": "record more runs: a wrong constant is the same in all",
-        "run_offset": "compare small efforts: an offset changes them as much as large ones, a gain does not",
+        "run_offset": (
+            "compare small efforts: an offset changes them as much as large ones, but a gain does not"
+        ),
         "recorded_dependence": "also record the suspected cause, such as a temperature",
     }
 

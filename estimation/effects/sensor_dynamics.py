@@ -39,7 +39,7 @@ class Delay(SensorEffect):
     signals = ("past effort",)
     inner = (Parameter("time", "s", -0.5, 2.0, (0.001, 0.1)),)
     confused_with = {
-        "lag": "change the effort suddenly: a lag rounds it, a delay only shifts it",
+        "lag": "change the effort suddenly: a lag rounds the step, but a delay only shifts it",
         "damping": "hold and probe at two speeds",
         "viscous_friction": "move at two speeds with the same acceleration",
     }
@@ -75,7 +75,7 @@ class Lag(SensorEffect):
     signals = ("past effort",)
     inner = (Parameter("tau", "s", 1e-9, 1.0, (0.001, 0.2), log=True),)
     confused_with = {
-        "delay": "change the effort suddenly: a lag rounds it, a delay only shifts it",
+        "delay": "change the effort suddenly: a lag rounds the step, but a delay only shifts it",
         "damping": "hold and probe at two speeds",
         "inertia": "move at two frequencies",
     }
@@ -107,7 +107,7 @@ class Drift(AdditiveEffect):
     )
     essential = ("rate",)
     confused_with = {
-        "stress_relaxation": "free air: drift continues there, relaxation does not",
+        "stress_relaxation": "record free air: drift continues there, but relaxation does not",
         "bias": "wait: a bias stays",
     }
 

@@ -36,8 +36,8 @@ class Bias(AdditiveEffect):
         "gravity_tilt": "fit all joints together: a tilt affects all of them; or move over a wide range",
         "payload": "fit all joints together: a payload affects all of them; or change the posture",
         "drift": "wait: a bias stays",
-        "asymmetric_friction": "let the joint rest: a bias stays",
-        "coulomb_friction": "reverse the motion: friction then acts the other way, a bias does not",
+        "asymmetric_friction": "let the joint rest: a bias remains, but asymmetric friction vanishes",
+        "coulomb_friction": "reverse the motion: friction then acts the other way, but a bias does not",
     }
 
     def applies_to(self, data: ChannelData) -> bool:
@@ -71,7 +71,7 @@ class TorqueGain(SensorEffect):
         "run_gain": "record more runs: a wrong constant is the same in all",
         "payload": "change the posture",
         "load_dependent_friction": "lift and lower the same load",
-        "bias": "lift two loads: a gain grows with the load",
+        "bias": "lift two loads: the error of a gain grows with the load",
     }
     linear = True
     pointwise = True
@@ -195,8 +195,8 @@ class Saturation(SensorEffect):
     inner = (Parameter("limit", "{effort}", 1e-15, 1e9, (0.1, 100.0), log=True),)
     start_multiples = {"limit": ("largest_effort", (0.55, 0.7, 0.8, 0.88, 0.94, 0.97, 0.99))}
     confused_with = {
-        "layered_stiffness": "load it less: readings below the limit are correct",
-        "cubic_stiffness": "load it less: readings below the limit are correct",
+        "layered_stiffness": "reduce the load: readings below the limit are correct",
+        "cubic_stiffness": "reduce the load: readings below the limit are correct",
     }
     linear = False
 
@@ -263,7 +263,9 @@ class Hysteresis(SensorEffect):
     start_multiples = {"width": ("largest_effort", np.geomspace(0.01, 0.3, 7))}
     confused_with = {
         "bouc_wen_hysteresis": "reverse slowly at several loads: a sensor's loops all have the same width",
-        "backlash": "reverse slowly at several loads: a gap is crossed in position, a hysteresis in effort",
+        "backlash": (
+            "reverse slowly at several loads: a gap is crossed in position, but a hysteresis in effort"
+        ),
         "dry_friction": "reverse slowly at several depths",
         "coulomb_friction": "reverse slowly at several loads",
         "damping": "probe at two speeds",

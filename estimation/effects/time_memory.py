@@ -106,12 +106,16 @@ class StressRelaxation(_Relaxation, AdditiveEffect):
     gains = (Parameter("k1", "{effort}/{position}", 0.0, 1e12, (10.0, 10000.0)),)
     inner = (Parameter("tau", "s", 1e-9, 1e7, (0.03, 30.0), log=True),)
     confused_with = {
-        "power_law_relaxation": "hold 100 times longer: a power law keeps relaxing, one branch levels off",
-        "relaxation_spectrum": "hold longer at two depths: one branch levels off, a second keeps relaxing",
-        "damping": "hold: damping stops with the motion, relaxation continues",
-        "plastic_set": "wait and press again: relaxation recovers, a permanent set stays",
+        "power_law_relaxation": (
+            "hold 100 times longer: a power law keeps relaxing, but one branch levels off"
+        ),
+        "relaxation_spectrum": (
+            "hold longer at two depths: one branch levels off, but a second keeps relaxing"
+        ),
+        "damping": "hold: damping stops with the motion, but relaxation continues",
+        "plastic_set": "wait and press again: relaxation recovers, but a permanent set remains",
         "hysteresis": "hold: a hysteresis of the sensor does not change with time",
-        "drift": "free air: drift continues there, relaxation does not",
+        "drift": "record free air: drift continues there, but relaxation does not",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -146,10 +150,10 @@ class PowerLawRelaxation(_Relaxation, MemoryEffect):
     channels = frozenset({ChannelKind.CONTACT})
     inner = (Parameter("share", "1", 0.0, 1.0, (0.1, 0.9)), Parameter("alpha", "1", 0.01, 0.99, (0.1, 0.6)))
     confused_with = {
-        "stress_relaxation": "hold for longer: one branch levels off, a power law keeps relaxing",
-        "relaxation_spectrum": "hold 100 times longer: a power law keeps relaxing, branches level off",
-        "damping": "hold: damping stops with the motion, relaxation continues",
-        "drift": "free air: drift continues there, relaxation does not",
+        "stress_relaxation": "hold for longer: one branch levels off, but a power law keeps relaxing",
+        "relaxation_spectrum": "hold 100 times longer: a power law keeps relaxing, but branches level off",
+        "damping": "hold: damping stops with the motion, but relaxation continues",
+        "drift": "record free air: drift continues there, but relaxation does not",
     }
 
     def fade(self, elastic: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
@@ -202,10 +206,10 @@ class RelaxationSpectrum(_Relaxation, MemoryEffect):
         Parameter("slow_time", "s", 1e-9, 1e7, (1.0, 100.0), log=True),
     )
     confused_with = {
-        "stress_relaxation": "hold longer at two depths: one branch levels off, a second keeps relaxing",
-        "power_law_relaxation": "hold 100 times longer: a power law keeps relaxing, branches level off",
-        "plastic_set": "wait and press again: relaxation recovers, a permanent set stays",
-        "drift": "free air: drift continues there, relaxation does not",
+        "stress_relaxation": "hold longer at two depths: one branch levels off, but a second keeps relaxing",
+        "power_law_relaxation": "hold 100 times longer: a power law keeps relaxing, but branches level off",
+        "plastic_set": "wait and press again: relaxation recovers, but a permanent set remains",
+        "drift": "record free air: drift continues there, but relaxation does not",
     }
 
     def fade(self, elastic: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:

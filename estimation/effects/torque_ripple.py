@@ -46,7 +46,9 @@ class TorqueRipple(AdditiveEffect):
     confused_with = {
         "joint_spring": "move over a wide range: a spring does not repeat",
         "gravity_tilt": "move over a wide range: gravity repeats once a turn",
-        "position_dependent_friction": "compare both directions: ripple keeps its sign, friction does not",
+        "position_dependent_friction": (
+            "compare both directions: ripple keeps its sign, but friction does not"
+        ),
         "run_ripple": "go to the same stop before each run: then the wave always begins at the same place",
     }
 

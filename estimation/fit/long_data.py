@@ -96,14 +96,14 @@ def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelD
     else:
         length = f"{1e3 * block / rate_hz:.3g} ms"
         note += (
-            f" are averaged in blocks of {block}, to {len(short):,} at {rate_hz / block:.4g} Hz, without loss"
+            f" are averaged in blocks of {block} to {len(short):,} at {rate_hz / block:.4g} Hz without loss"
         )
         note += (
             f", because a diagnosis uses means over {length} in any case"
             if seen is None
-            else f": within {length} the effort deviates from a straight line by "
+            else f", because within {length} the effort deviates from a straight line by "
             f"{with_unit(seen.departure, unit, 4)}, "
-            f"and the noise between readings is {with_unit(seen.noise, unit, 4)}"
+            f"about the noise between readings, {with_unit(seen.noise, unit, 4)}"
         )
     for shorten in (_fewer_runs, _fewer_stretches, _average_further):
         if _excess(short, held_runs) > 1:
@@ -190,7 +190,7 @@ def _fewer_stretches(data: ChannelData, held_runs: IntArray) -> tuple[ChannelDat
     stride = max(1, min(_excess(wide, held_runs), len(moving) // _MIN_RUNS))
     chosen, words = wide.of_runs(np.concatenate([moving[::stride], held_runs])), f"{len(moving)} stretches"
     if len(moving) < len(parts):
-        words += f" (of {len(parts)}) that cover at least {100 * _MIN_COVERED:.0f} % of the motion"
+        words += f" that cover at least {100 * _MIN_COVERED:.0f} % of the motion ({len(parts)} in all)"
     return chosen, _describe_selection(words, wide, chosen, held_runs), run_of
 
 
@@ -201,8 +201,8 @@ def _average_further(data: ChannelData, held_runs: IntArray) -> tuple[ChannelDat
         return data, "", {}
     rate_hz = 1.0 / (sample_time(data.time_s, data.run) * factor)
     note = (
-        f"; this is too much for a search, so blocks of {factor} are averaged again, to {rate_hz:.4g} Hz, "
-        "which loses faster changes; choose a part with --where to keep them"
+        f"; this is too much for a search, so blocks of {factor} are averaged again to {rate_hz:.4g} Hz, "
+        "which loses faster changes; to keep these, choose a part with --where"
     )
     return _means(data, factor), note, {}
 

@@ -135,7 +135,7 @@ def channel_of(data: ChannelData, model: str, arm: Arm, held_out: tuple[int, ...
     context = arm.context_of(data)
     if held_out:
         if model == FITTED_ARM_MODEL:  # its joints share information from all runs
-            raise InputError(f"model '{model}' predicts each run from the others: leave out held_out")
+            raise InputError(f"model '{model}' predicts each run from the others; leave out held_out")
         if not len(np.setdiff1d(data.runs, held_out)):
             raise InputError(
                 f"channel '{data.name}': all runs are held out; leave at least one run to fit to"
@@ -216,7 +216,7 @@ def channels_for_model(source: DataSource, model: str) -> tuple[ChannelData, ...
     hint = "." if source.session is None or ChannelKind.CONTACT not in kinds else "; was anything touched?"
     valid = [n for n in MODELS if MODELS[n].channels & {channel.kind for channel in source.channels}]
     raise InputError(
-        f"{source.path or source.name}: model '{model}' describes a {expected}, but its channels are: "
+        f"{source.path or source.name}: model '{model}' describes a {expected}, but the channels are: "
         f"{listed}{hint} Choose with --model: {', '.join(valid)}"
     )
 

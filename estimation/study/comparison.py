@@ -365,7 +365,7 @@ def _describe_kinds(kinds: Sequence[BudgetEntry]) -> Iterator[str]:
         shares.append(f"{share} (or {replacing})" if replacing else share)
     if shares:
         listed = ", ".join(shares)
-        yield f"Kinds of effects that would explain it, as shares of the squared error: {listed}."
+        yield f"Kinds of effects that would explain the error, with shares of its square: {listed}."
 
 
 def _words(
@@ -383,8 +383,8 @@ def _words(
         if worst.rmse <= (1.0 + SMALL) * least.rmse:  # all errors are equally large: compare their means
             high, low = (pick(parts[by], key=lambda part: part.mean) for pick in (max, min))
             sentences.append(
-                f"It has the same size at any {by}; measured minus modeled is on average "
-                f"{high.mean:+.3g} {unit} ({high.label}), {low.mean:+.3g} {unit} ({low.label})."
+                f"The error has the same size at any {by}; on average, measured minus modeled is "
+                f"{high.mean:+.3g} {unit} ({high.label}) and {low.mean:+.3g} {unit} ({low.label})."
             )
             continue
         largest = f"By {by}, the largest error is {with_unit(worst.rmse, unit)} ({worst.label})"

@@ -39,13 +39,14 @@ from palpate.estimation.workers import release_freed_memory
 from palpate.robot_io.errors import InputError
 
 _FitKey = tuple[ChannelKey, tuple[str, ...]]  # a channel with its base model, and the added effects
-_RECOVERS = "the object has recovered when each run begins, because the data then fit better"
+_RECOVERS = "the object is assumed to have recovered when each run begins, because the data then fit better"
 _SURFACE_RECOVERS = (
-    "the damped surface recovers with c / k before it is touched again, since the data then fit better"
+    "the damped surface is assumed to recover before it is touched again, with the time constant c / k, "
+    "because the data then fit better"
 )
 _RECOVERS_SLOWLY = (
-    "between contacts the object recovers at {0:.2g} times the rate at which it relaxes in contact, "
-    "because its surface moves freely; the data then fit better"
+    "between contacts, where its surface moves freely, the object is assumed to recover at {0:.2g} times the "
+    "rate at which it relaxes in contact, because the data then fit better"
 )
 _MAX_FITS = 90  # size of the cache; the least recently used fits are dropped and computed again
 

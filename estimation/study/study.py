@@ -263,7 +263,7 @@ class ModelStudy(StudyFits):
                 why = self._difference_from_fit(channel, names, saved.final.rmse, saved.final.parameters)
         if why:
             raise InputError(
-                f"{self.folder}/{RESULT}: channel {channel.name}: {why}: the file was changed, or "
+                f"{self.folder}/{RESULT}: channel {channel.name}: {why}; the file was changed, or "
                 "another version made it; delete it, or run palpate diagnose again"
             )
         return saved
@@ -374,7 +374,7 @@ class ModelStudy(StudyFits):
                 raise InputError(f"remove {effect!r}: the newest models do not have this effect; {known}")
             if len(having) > 1:
                 listed = ", ".join(revision.channel for revision in having)
-                raise InputError(f"remove {effect!r}: was added to {listed}; choose one with --channel")
+                raise InputError(f"remove {effect!r}: {listed} have this effect; choose one with --channel")
             (parent,) = having
             self._check_user_effects(parent)
             base, remaining = self.channel_of(parent), [name for name in parent.effects if name != effect]
@@ -455,7 +455,7 @@ class ModelStudy(StudyFits):
             )
         if why := self._difference_from_fit(channel, revision.effects, revision.rmse, revision.parameters):
             raise InputError(
-                f"revision {revision.number}: {why}: it was changed, or made by another version "
+                f"revision {revision.number}: {why}; the revision was changed, or made by another version "
                 f"({revision.software_version}); add its effects again (palpate add --fresh)"
             )
 
@@ -529,7 +529,7 @@ class ModelStudy(StudyFits):
             )
             known = suited_names(unsuited[0].name, self.effects, [base.data for base in current])
             is_of_kind = any(base.kind in unsuited[0].channels for base in current)
-            why = f": {unsuited[0].name} cannot be identified from these data" if is_of_kind else ""
+            why = f", because {unsuited[0].name} cannot be identified from these data" if is_of_kind else ""
             verb = "do" if len(effects) > 1 else "does"
             raise InputError(f"{names} {verb} not apply to any channel ({listed}){why}. {known}")
         diagnoses = [(base, self.known_diagnosis(base)) for base in fitting_channels]

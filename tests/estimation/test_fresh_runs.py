@@ -66,7 +66,7 @@ def test_data_decide_whether_the_object_remembered(afresh, cubic_n_m3):
     study = ModelStudy(data)
     values = study.fit("contact", ["cubic_stiffness", "stress_relaxation"]).values
     assert values["stress_relaxation.tau"] == pytest.approx(TAU_S, rel=0.1)
-    assert ("has recovered when each run begins" in " ".join(study.notes)) == afresh
+    assert ("to have recovered when each run begins" in " ".join(study.notes)) == afresh
 
 
 def test_fresh_runs_keep_spread_times_and_need_relaxation():
@@ -98,7 +98,7 @@ def test_nothing_is_missing_where_a_damped_surface_has_not_recovered(afresh):
     (found,) = study.diagnose().channels
     assert (found.verdict, found.recovers) == ("adequate", False)
     assert study.fit("contact", []).values == pytest.approx({"stiffness.k": K, "damping.c": K}, rel=2e-3)
-    assert any("damped surface recovers" in note for note in study.notes) is not afresh
+    assert any("damped surface is assumed to recover" in note for note in study.notes) is not afresh
 
 
 def test_law_whose_surface_recovers_at_once_needs_no_recovery():

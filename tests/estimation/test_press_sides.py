@@ -75,7 +75,7 @@ def test_spring_and_damper_describe_a_linear_axis_too():
     estimate = estimate_channel(axis, model, ESTIMATORS["lsq"](), rng=np.random.default_rng(0))
     assert estimate["damping.c"].value == pytest.approx(60.0, rel=0.01)
     turning = open_source({"time_s": T, "position_rad": X, "torque_Nm": DAMPER, "run": RUN})
-    with pytest.raises(InputError, match="describes a contact, but its channels are: joint_1"):
+    with pytest.raises(InputError, match="describes a contact, but the channels are: joint_1"):
         channels_for_model(turning, "kelvin_voigt")
 
 

@@ -50,7 +50,7 @@ def test_verdict_states_the_extrapolation_and_asks_for_another_such_run():
     verdict = diagnose_channel(presses((0.007, 0.0075, 0.012)), PRESS, (), np.random.default_rng(0))
     assert verdict.verdict is Verdict.UNEXPLAINED
     assert (
-        "of the squared error lies at positions or velocities that only one run contains, the largest part "
-        "of it in run 2" in verdict.reason
+        "of the squared error lies at positions or velocities that only one run contains (the largest "
+        "part in run 2" in verdict.reason
     )
     assert verdict.next_experiment.instruction.startswith("repeat the motion of run 2")

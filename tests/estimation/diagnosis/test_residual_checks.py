@@ -109,7 +109,7 @@ def test_run_with_another_scale_is_detected_next_to_a_short_run(length):
     if length:
         last = data.run == data.runs[-1]
         data = data.select(~last | (np.cumsum(last) <= length))
-    assert "run 2 is off" in objection(data).reason
+    assert "run 2 has an error of" in objection(data).reason
     fitted = fit_model(data, MODEL, {})
     found = run_heterogeneity(fitted.problem.blocked, fitted.solution)
     assert found.run == 2
@@ -121,7 +121,7 @@ def test_report_states_a_per_run_oscillation_and_the_remaining_error():
     phase = np.random.default_rng(1).uniform(0.0, 2.0 * np.pi, int(data.run.max()) + 1)
     swung = data.effort + size_n * np.sin(2.0 * np.pi * 7.0 * data.time_s + phase[data.run])
     found = objection(replace(data, effort=np.where(data.effort > 5 * NOISE_N, swung, data.effort)))
-    frequency_hz, told_n = (float(found.reason.split(word)[0].split()[-1]) for word in (" Hz", " N,"))
+    frequency_hz, told_n = (float(found.reason.split(word)[0].split()[-1]) for word in (" Hz", " N rms,"))
     assert frequency_hz == pytest.approx(7.0, rel=0.02)
     assert told_n == pytest.approx(size_n / np.sqrt(2.0), rel=0.15)
     assert found.depends_on == "time"
@@ -473,7 +473,7 @@ def test_runs_are_checked_before_the_residual_in_contact(
     found = check_residuals(end, None, None, complete=complete)
     assert (found and found.depends_on) == depends_on
     if depends_on == "run":
-        assert found.reason.startswith("the runs do not follow one law: run 2 is off by 2.00 N m when")
+        assert found.reason.startswith("the runs do not follow one law: run 2 has an error of 2.00 N m when")
     if depends_on == "time":
         assert (
             "1.00 N m, is 10 times the noise at rest and does not look like noise; no signal" in found.reason
@@ -556,7 +556,7 @@ def test_ripple_with_a_phase_in_each_run_must_explain_much(ripple, runs, is_foun
     left = residual_checks._error_with_own_waves(end)
     assert left == (pytest.approx(NOISE_NM, rel=0.2) if is_found else None)
     if is_found:
-        assert f"run would leave {left:.3g} N m; start each run" in objection(end.data, end).reason
+        assert f"run, the error would be {left:.3g} N m; start each run" in objection(end.data, end).reason
 
 
 def test_a_zero_of_each_run_is_no_ripple():

@@ -154,8 +154,16 @@ def test_interval_is_stated_or_why_there_is_none(known, words):
 @pytest.mark.parametrize(
     ("share", "causes_n", "cause"),
     [
-        (0.5, (0.1, 0.2), "rounding of the encoders, up to 0.100 N, may cause the 0.0500 N"),
-        (0.5, (0.01, 0.2), "smoothing of the motion, up to 0.200 N, may cause the 0.0500 N"),
+        (
+            0.5,
+            (0.1, 0.2),
+            "rounding of the encoders causes errors of up to 0.100 N, which may be the 0.0500 N",
+        ),
+        (
+            0.5,
+            (0.01, 0.2),
+            "smoothing of the motion causes errors of up to 0.200 N, which may be the 0.0500 N",
+        ),
         (0.5, (0.01, 0.02), ""),
         (0.0, (0.1, 0.2), ""),
         (

@@ -78,7 +78,7 @@ def test_parameters_equal_those_of_the_full_recording(recording):
     assert short.averaged >= 40
     assert len(short) == len(recording) // short.averaged
     assert (
-        f"averaged in blocks of {short.averaged}, to {len(short):,} at {RATE_HZ / short.averaged:.4g} Hz"
+        f"averaged in blocks of {short.averaged} to {len(short):,} at {RATE_HZ / short.averaged:.4g} Hz"
         in said
     )
     model = Model("hardening", (Stiffness(), Damping(), CubicStiffness()))
@@ -251,5 +251,5 @@ def test_stretches_without_motion_are_dropped_before_others(most, chosen, monkey
     short, words, run_of = long_data._fewer_stretches(joint, np.empty(0, dtype=int))
     assert len(short.runs) == chosen
     assert short.time_s.max() < 4.0
-    assert f"{chosen} of the 20 stretches (of 40) that cover at least 30 % of the motion" in words
+    assert f"{chosen} of the 20 stretches that cover at least 30 % of the motion (40 in all)" in words
     assert {*run_of.values()} == {0}

@@ -42,11 +42,11 @@ def test_means_are_compared_where_all_errors_have_the_same_size():
     noise = MeasurementNoise(0.1, NoiseSource.NEIGHBORS, None, 0.0)
     moving = part("moving in", 0.4, 0.50), part("moving out", -0.4, 0.51)
     for by, parts, words in (
-        ("direction", moving, "is on average +0.4 N (moving in), -0.4 N (moving out)."),
+        ("direction", moving, "measured minus modeled is +0.4 N (moving in) and -0.4 N (moving out)."),
         ("depth", (part("shallow", 0.1, 0.2), part("deep", 0.4, 0.6)), "By depth, the largest error is 0.6"),
     ):
         _, sentence = _words(0.5, noise, {by: parts}, "N")
-        assert sentence.startswith("It has the same size at any direction") == (by == "direction")
+        assert sentence.startswith("The error has the same size at any direction") == (by == "direction")
         assert words in sentence
 
 
