@@ -204,7 +204,7 @@ def test_last_link_is_the_tip_by_default(tmp_path, monkeypatch):
     urdf = saved(tmp_path / "arm.urdf", FOLLOWER.read_text().replace('"tip"', '"finger"'))
     arm = arm_from_urdf(urdf)
     assert arm.tip_frame == "finger"
-    assert "the last link, 'finger', is used" in arm.notes[0]
+    assert "so the tip is the last link, 'finger'" in arm.notes[0]
     assert arm_from_urdf(FOLLOWER).notes == ()
     assert arm_from_urdf(urdf, "hand").notes == ()
     with pytest.raises(InputError, match="no frame is called 'tip'"):
