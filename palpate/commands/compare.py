@@ -180,9 +180,9 @@ def _compare_pair(data: CompareOptions) -> None:
         raise InputError(f"--channel {channel}: not in both measurements. Both have: {available}")
     if all(pair.is_same_data and pair.first.model == pair.second.model for pair in pairs):
         raise InputError(
-            f"{files[1]}: is the same measurement as {files[0]}, with the same model: name another file, "
-            "or another model of it with --other-model or --other-revision; palpate batch FILE --split "
-            "COLUMN compares the specimens of one file"
+            f"{files[1]}: is the same measurement as {files[0]}, with the same model; name another file, or "
+            "another model with --other-model or --other-revision. To compare the specimens of one file, use "
+            "palpate batch FILE --split COLUMN"
         )
     if out is not None:
         spare_files(out, PAIR_FILES.values(), force=data.force, keep=files)

@@ -23,7 +23,7 @@ _SAMPLE = 4  # cases to run for an estimate of the cost
 
 
 _PLAN = "Show the number of remaining cases and the time they need; if none is done, run a few to measure it."
-_OUT = "Output folder; an interrupted sweep in it is continued."
+_OUT = "Output folder; if it contains an interrupted sweep, this sweep continues."
 
 
 def sweep_command(
@@ -47,7 +47,7 @@ def sweep_command(
       palpate sweep mine.yaml --scheduler tcp://10.0.0.5:8786 --out /shared/mine
     """
     if not installed_engines() or not find_spec("pinocchio"):
-        raise InputError(f"a sweep simulates arms, which needs more packages: {install_command('sweep')}")
+        raise InputError(f"a sweep simulates arms and needs more packages: {install_command('sweep')}")
     if plan and limit is not None:
         raise InputError(f"--limit {limit}: --plan estimates the time of all cases; omit --limit or --plan")
     from palpate.sweep import (  # noqa: PLC0415, its libraries take a second

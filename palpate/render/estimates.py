@@ -218,7 +218,7 @@ def _remarks_on_fits(estimates: ChannelEstimates) -> Iterator[str]:
         if deeper_m > NOTABLE * offset.std_err:
             yield (
                 f"the force of {estimates.model.name} begins {_TO_MILLI * deeper_m:.2g} mm below the "
-                "touch: the model lacks adhesion, or the object is softer near its surface"
+                "touch, because the model lacks adhesion or the object is softer near its surface"
             )
     yield from (f"{name}: {problem}" for name, problem in estimates.failures.items())
     roomy = len(_shown_parameters(estimates.estimates[0])) <= _MOST_ABREAST

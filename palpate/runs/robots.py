@@ -107,7 +107,7 @@ def check_can_be_emulated(robot_file: RobotFile) -> None:
     """Raise `InputError` if the robot's world is simulated without device protocols."""
     if is_simulated(robot_file):
         raise InputError(
-            f"robot '{robot_file.name}' is simulated without devices: --wire needs a robot file with "
+            f"robot '{robot_file.name}' is simulated without devices, but --wire needs a robot file with "
             "hardware drivers, such as robots/dynamixel_3dof.yaml"
         )
 

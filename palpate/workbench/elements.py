@@ -182,8 +182,8 @@ BUDGET = f"Shares of the base model's squared error in held-out runs, by kind of
 STALE = "This result is for the effects that were ticked before; the new one is being computed."
 EVIDENCE = "Share of the held-out error that this effect removes in addition to the other ticked effects."
 ALIKE = (
-    "According to the diagnosis. Before a diagnosis: effects that change the model in nearly the same way "
-    "(cosine above 0.95); a diagnosis may still tell them apart."
+    "After a diagnosis: effects that it cannot tell apart. Before a diagnosis: effects that change the model "
+    "in nearly the same way (cosine above 0.95); a diagnosis may still tell them apart."
 )
 INTERVAL = "95 % interval: if the model is right, 19 of 20 experiments like this one give a value within it."
 SLIDER = "Drag to see the curves at another value; other parameters keep their values, and nothing is fitted."

@@ -42,8 +42,8 @@ class StopReason(StrEnum):
 _ENDS = {
     StopReason.SEPARATED: "one explanation is left",
     StopReason.SIMPLEST: (
-        "the other explanations contain the simplest one, and no further experiment is expected to separate "
-        "them"
+        "the simplest explanation is kept, because the others contain it and no further experiment is "
+        "expected to separate them"
     ),
     StopReason.UNSEEN: (
         "an effect seen in an earlier probe is too small to be significant in all probes together"
