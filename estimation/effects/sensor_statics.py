@@ -350,6 +350,15 @@ class Quantisation(SensorEffect):
         """See `Effect.applies_to`: readings must repeat, else there are no visible steps."""
         return super().applies_to(data) and len(np.unique(data.effort)) < _REPEATED * len(data)
 
+    def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
+        """See `Effect.is_misnamed`: the readings change too rarely to test the model.
+
+        A reading between two edges only bounds the effort. A model with as many parameters as there are
+        stretches of equal readings can fit all edges, whatever their cause, such as a command's steps.
+        """
+        changes = (np.diff(data.effort) != 0.0) | (np.diff(data.run) != 0)
+        return bool(np.sum(changes) < len(parameters))
+
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         step = inner["step"]
         first, spacing, cubics = _noise_table(min(max(inner["noise"] / step, _SHARP), _SMOOTH))

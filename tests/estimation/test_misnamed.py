@@ -121,6 +121,14 @@ def test_dead_band_far_from_all_readings_is_a_bias(load, is_bias):
     assert is_misnamed("deadband", replace(JOINT, effort=reading), {"width": 2.0}, 0.01) is is_bias
 
 
+@pytest.mark.parametrize(("steps", "is_tested"), [(2.0, False), (20.0, True)])
+def test_rounding_needs_more_changes_of_the_reading_than_parameters(steps, is_tested):
+    """Four steps of a motor's voltage look like the rounding of any law that grows with time."""
+    effort = np.round(steps * np.sin(np.linspace(0.0, 3.0, len(JOINT))))
+    own, others = {"step": 1.0, "noise": 0.1}, {f"viscous_friction.{name}": 1.0 for name in "abcd"}
+    assert is_misnamed("quantisation", replace(JOINT, effort=effort), own, more=others) is not is_tested
+
+
 def test_end_of_a_range_is_flat_and_yielding_is_not():
     data = spring()
     top = float(abs(data.effort).max())
