@@ -37,6 +37,7 @@ from palpate.estimation.diagnosis.forms import (
     FormTest,
     PartiallyLinear,
     form_tests,
+    imitating_effect,
 )
 from palpate.estimation.diagnosis.search import LEVEL, NEAR, Search, backward_step
 from palpate.estimation.effect import Effect
@@ -556,7 +557,9 @@ def most_parsimonious(
         rivals = map(search.with_candidate, candidates)
         better = likelier or [rival for rival in rivals if search.is_better(rival, fit)]
         better = [rival for rival in better if is_complete(rival) >= is_complete(fit)]
-        fit = min(better, key=lambda model: (search.size(model), model.solution.held_out), default=fit)
+        better.sort(key=lambda model: (search.size(model), model.solution.held_out))
+        # An effect that is likelier or simpler may still imitate the one that it would replace.
+        fit = next((rival for rival in better if imitating_effect(search, rival) is None), fit)
     return fit
 
 

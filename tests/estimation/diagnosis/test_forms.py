@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from palpate.estimation.diagnosis import Verdict, diagnose, forms
+from palpate.estimation.diagnosis import Verdict, acceptance, diagnose, forms
 from palpate.estimation.diagnosis.acceptance import (
     FormCriteria,
     accept_forms,
@@ -313,6 +313,10 @@ def test_object_effect_is_preferred_over_an_equivalent_sensor_effect(monkeypatch
         monkeypatch.setattr(type(search), "is_better", is_better)
         end = most_parsimonious(search, reached(search, found), measured(search), lambda _: True)
         assert search.added_effects(end) == ["contact_offset"]
+    # An offset that only imitated the dead band would be dropped later, and nothing would be named.
+    monkeypatch.setattr(acceptance, "imitating_effect", lambda search, fit: "contact_offset")
+    end = most_parsimonious(search, reached(search, "deadband"), measured(search), lambda _: True)
+    assert search.added_effects(end) == ["deadband"]
 
 
 @pytest.mark.parametrize("rest", [0.0, 0.4])  # of another kind, so that the model stays incomplete
