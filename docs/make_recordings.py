@@ -3,12 +3,11 @@
     python docs/make_recordings.py DATA_DIR [DATA_DIR ...] --answers FOLDER
 
 A DATA_DIR holds recordings by name: `NAME/import.csv.gz` or `NAME/raw`, as benchmarks/measured/convert.py
-writes them by a recipe, or the folder of a set that benchmarks/measured/recordings.py reads. Missing
-recordings are left out, or keep their place on the page with `--keep`. The folder of answers keeps one JSON
-file per recording; an existing diagnosis is reused. Pictures are drawn from the answers.
+writes them by a recipe. Missing recordings are left out, or keep their place on the page with `--keep`. The
+folder of answers keeps one JSON file per recording; an existing diagnosis is reused. Pictures are drawn from
+the answers.
 """
 
-import json
 import re
 import sys
 from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
@@ -16,16 +15,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))  # the benchmarks are no installed package
 
 from measured.convert import RECIPES, load_recipe, split_of
-from measured.recordings import SETS, Recording
-from measured.recordings import recordings as recordings_of_set
 from recordings import answer_of, file_of
 
-from palpate.estimation.diagnosis import ChannelDiagnosis, diagnose
+from palpate.estimation.diagnosis import ChannelDiagnosis
 from palpate.estimation.kinds import Kind
 from palpate.render.diagnosis import budget_svg, budget_view, diagnosis_verdict
 
@@ -54,9 +49,8 @@ class Entry:
     name: str
     measured: str  # what it is, in a sentence
     origin: str  # where the data are, as Markdown
-    expected: list[str]  # one a channel, or one for all
+    expected: str
     split: str  # "developed on" or "held out"
-    unit: str = ""  # of the effort, where it is neither a force nor a torque
     channels: list[ChannelDiagnosis] = field(default_factory=list)
     refused: str = ""  # why there is no answer
 
@@ -65,7 +59,7 @@ def main() -> None:
     """Diagnose what has no answer yet, and write the page."""
     options = _options()
     options.answers.mkdir(parents=True, exist_ok=True)
-    entries = [*_of_recipes(options), *_of_sets(options)]
+    entries = list(_of_recipes(options))
     PICTURES.mkdir(parents=True, exist_ok=True)
     rows: dict[str, list[str]] = {}
     sections: dict[str, str] = {}
@@ -76,8 +70,7 @@ def main() -> None:
             old.unlink()
     for entry in entries:
         rows[entry.name], sections[entry.name] = list(_rows(entry)), _section(entry)
-    of_recipes = sorted(name for name in sections if (RECIPES / f"{name}.yaml").is_file())
-    names = [*of_recipes, *(name for name in sections if name not in of_recipes)]
+    names = sorted(name for name in sections if (RECIPES / f"{name}.yaml").is_file())
     table = [*TABLE_HEAD, *(row for name in names for row in rows[name]), ""]
     PAGE.write_text("\n".join([INTRODUCTION, *table, *map(sections.get, names)]), encoding="utf-8")
 
@@ -115,7 +108,7 @@ def _of_recipes(options: Namespace) -> Iterator[Entry]:
             name=name,
             measured=recipe["measured"],
             origin=f"{place} at {origin['commit'][:7]}, license: {origin['licence']}; {command}",
-            expected=[" or ".join(Kind(kind).word for kind in recipe["expected"]["kinds"])],
+            expected=" or ".join(Kind(kind).word for kind in recipe["expected"]["kinds"]),
             split=split_of(recipe).replace("_", " ").replace("develop", "developed on"),
             channels=[ChannelDiagnosis.model_validate(one) for one in content.get("channels", [])],
             refused=_PLACE.sub("", content.get("refused", content.get("stopped", ""))),
@@ -126,42 +119,9 @@ def _folder(options: Namespace, name: str) -> Path | None:
     return next(filter(Path.is_dir, (folder / name for folder in options.data_dirs)), None)
 
 
-def _of_sets(options: Namespace) -> Iterator[Entry]:
-    """Recordings of the sets that benchmarks/measured/recordings.py reads."""
-    for name, entry in SETS.items():
-        if (folder := _folder(options, name)) is None:
-            continue
-        repository, licence, measured = entry["origin"]
-        place = f"[{repository}](https://github.com/{repository}), license: {licence}"
-        for recording in recordings_of_set(folder):
-            answer = options.answers / f"{recording.name.replace(' ', '_')}.json"
-            if not answer.is_file() and options.no_new:
-                continue
-            yield Entry(
-                name=recording.name,
-                measured=f"{measured[0].upper()}{measured[1:]}.",
-                origin=f"{place}; read by benchmarks/measured",
-                expected=[expected.said for expected in recording.expected],
-                split="developed on",
-                unit=recording.unit,
-                channels=_answer_of_set(recording, answer),
-            )
-
-
-def _answer_of_set(recording: Recording, answer: Path) -> list[ChannelDiagnosis]:
-    if not answer.is_file():
-        print(recording.name, flush=True)
-        found = diagnose(recording.channels, recording.models, rng=np.random.default_rng(0))
-        answer.write_text(found.model_dump_json(), encoding="utf-8")
-    content = json.loads(answer.read_text(encoding="utf-8"))
-    channels = [ChannelDiagnosis.model_validate(one) for one in content["channels"]]
-    unit = {"effort_unit": recording.unit} if recording.unit else {}
-    return [channel.model_copy(update=unit) for channel in channels]
-
-
 def _rows(entry: Entry) -> Iterator[str]:
     """Rows of a recording in the table of all recordings."""
-    link = f"[{entry.name}](#{entry.name.replace(' ', '-')})"
+    link = f"[{entry.name}](#{entry.name})"
     if entry.refused:
         yield f"| {link} | refused | | |"
     for channel in entry.channels:
@@ -177,14 +137,13 @@ def _rows(entry: Entry) -> Iterator[str]:
 def _section(entry: Entry) -> str:
     """Write the section of one recording: description, expected kinds, diagnosis and origin of the data."""
     lines = [f"## {entry.name}", "", f"{entry.measured} ({entry.split})", ""]
-    expected = [text.rstrip(".") for text in dict.fromkeys(entry.expected)]
-    lines += [f"**Expected kinds**: {'; '.join(expected)}.", ""]
+    lines += [f"**Expected kinds**: {entry.expected}.", ""]
     if entry.refused:
         lines += [f"**Diagnosis**: refused. {entry.refused}", ""]
     for channel in entry.channels:
         budget, verdict = budget_view(channel), diagnosis_verdict(channel)
         if budget is not None:
-            name = f"{entry.name.replace(' ', '_')}-{channel.channel}.svg"
+            name = f"{entry.name}-{channel.channel}.svg"
             (PICTURES / name).write_text(budget_svg(budget, WIDTH, INK) + "\n", encoding="utf-8")
             lines += [budget.sentence, "", f"![error budget](../pictures/recordings/{name})", ""]
             lines += [line for confusion in budget.confusions for line in (confusion, "")]
