@@ -81,25 +81,16 @@ def rlm(press: Press, force_n: FloatArray, _seed: int) -> FloatArray:
     return np.asarray(model.fit().params)
 
 
-def ransac(seed: int) -> RANSACRegressor:
-    """Return scikit-learn's RANSAC with a threshold of three times the noise."""
-    line = LinearRegression(fit_intercept=False)
-    return RANSACRegressor(line, min_samples=5, residual_threshold=0.06, random_state=seed)
-
-
-def theil_sen(seed: int) -> TheilSenRegressor:
-    """Return scikit-learn's Theil-Sen estimator."""
-    return TheilSenRegressor(fit_intercept=False, random_state=seed, max_subpopulation=2000)
-
-
-OTHERS: Mapping[str, Method] = {
-    "sklearn RANSACRegressor": partial(scikit, ransac),
-    "sklearn HuberRegressor": partial(scikit, lambda _: HuberRegressor(fit_intercept=False, alpha=0.0)),
-    "sklearn TheilSenRegressor": partial(scikit, theil_sen),
-    "scipy cauchy": cauchy,
-    "statsmodels RLM": rlm,
+LINE, SLOW = LinearRegression(fit_intercept=False), "sklearn TheilSenRegressor"
+SCIKIT = {  # of these, RANSAC gets a threshold of three times the noise
+    "sklearn RANSACRegressor": lambda seed: RANSACRegressor(
+        LINE, min_samples=5, residual_threshold=0.06, random_state=seed
+    ),
+    "sklearn HuberRegressor": lambda _: HuberRegressor(fit_intercept=False, alpha=0.0),
+    SLOW: lambda seed: TheilSenRegressor(fit_intercept=False, random_state=seed, max_subpopulation=2000),
 }
-SLOW = ("sklearn TheilSenRegressor",)
+OTHERS: Mapping[str, Method] = {name: partial(scikit, make) for name, make in SCIKIT.items()}
+OTHERS |= {"scipy cauchy": cauchy, "statsmodels RLM": rlm}
 
 
 def errors(method: Method, press: Press, noise: Noise, draws: int) -> tuple[FloatArray, float]:
@@ -124,7 +115,7 @@ def table(title: str, press: Press, methods: Mapping[str, Method], draws: int) -
     for name, method in methods.items():
         kind = {**ESTIMATORS, **CONTACT_ESTIMATORS}.get(name, object)
         online = issubclass(kind, OnlineEstimator | OnlineContactLaw)
-        few = min(draws, SLOW_DRAWS) if online or name in SLOW else draws
+        few = min(draws, SLOW_DRAWS) if online or name == SLOW else draws
         found = [errors(method, press, noise, few) for noise in NOISES.values()]
         seconds = float(np.nanmedian([taken_s for _, taken_s in found]))
         time_cell = f"{1e6 * seconds / press.count:.2f} us" if online else f"{1e3 * seconds:.2f} ms"

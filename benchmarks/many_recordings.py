@@ -2,8 +2,7 @@
 
 python benchmarks/many_recordings.py --part speed --recordings 40  # of 5,000 samples
 python benchmarks/many_recordings.py --part memory --rows 100000    # peak memory of the client
-python benchmarks/many_recordings.py --part pooled --repeats 5      # effects half as large as the noise
-python benchmarks/many_recordings.py --part trend --repeats 20 --years 4
+python benchmarks/many_recordings.py --part alarms --years 20       # of a trend without changes
 """
 
 import multiprocessing
@@ -12,7 +11,6 @@ import resource
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from datetime import date, timedelta
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -29,55 +27,21 @@ from palpate.estimation.data.import_options import NO_OPTIONS
 from palpate.sweep import Case, Cluster, ResultStore
 from palpate.sweep.runner import Progress, SweepReport
 
-NOISE_N = 0.02
 
-
-def write_press(path: Path, seed: int, samples: int, hidden: float = 0.0) -> None:
-    """Write five presses of a damped spring with a cubic part of `hidden` times the noise."""
-    rng = np.random.default_rng(seed)
-    count = samples // 5
-    t = np.arange(count) / 500.0
-    stiffness = 400.0 * (1.0 + 0.03 * rng.standard_normal())
-    depths, rates = [], []
-    for cycles in (2, 3, 4, 3, 2):
-        angle = 2.0 * np.pi * cycles * t / t[-1]
-        depths.append(0.0045 - 0.0055 * np.cos(angle))
-        rates.append(0.0055 * 2.0 * np.pi * cycles / t[-1] * np.sin(angle))
-    x, v = np.concatenate(depths), np.concatenate(rates)
-    inside = x > 0.0
-    law = np.column_stack([x, v])[inside]
-    cubic = x[inside] ** 3
-    rest = cubic - law @ np.linalg.lstsq(law, cubic, rcond=None)[0]
-    force = np.where(inside, np.maximum(stiffness * x + 4.0 * v, 0.0), 0.0)
-    force[inside] += hidden * NOISE_N * cubic / np.sqrt(np.mean(rest**2))
-    columns = [np.tile(t, 5), x, force + rng.normal(0.0, NOISE_N, len(x)), np.repeat(np.arange(5), count)]
-    write(path, "time_s,displacement_m,force_N,run", columns)
-
-
-def write_log(path: Path, seed: int, coulomb: float) -> None:
-    """Write a night's log of one axis, three runs of 5 s, whose Coulomb friction [N m] scatters by 4 %."""
-    rng = np.random.default_rng(seed)
-    t = np.arange(0.0, 5.0, 0.01)
-    friction = coulomb * (1.0 + 0.04 * rng.standard_normal())
-    rows = []
-    for run, w in enumerate((2.0, 3.0, 4.0)):
-        q, v, a = 0.8 * np.sin(w * t), 0.8 * w * np.cos(w * t), -0.8 * w**2 * np.sin(w * t)
-        effort = 0.05 * a + 0.1 * v + friction * np.tanh(v / 0.005) + rng.normal(0.0, 0.02, len(t))
-        rows.append(np.column_stack([t, q, v, a, effort, np.full(len(t), run)]))
-    names = "time_s,position_rad,velocity_rad_s,acceleration_rad_s2,torque_Nm,run"
-    write(path, names, list(np.vstack(rows).T))
-
-
-def write(path: Path, names: str, columns: Sequence[np.ndarray]) -> None:
-    """Write columns, each of shape (n,), as CSV with a header of names."""
-    np.savetxt(path, np.column_stack(columns), delimiter=",", header=names, comments="", fmt="%.8g")
-
-
-def presses(folder: Path, number: int, samples: int = 5000, hidden: float = 0.0, seed: int = 0) -> Path:
-    """Write a new folder of recordings with different seeds; see `write_press`."""
+def presses(folder: Path, number: int, samples: int = 5000) -> Path:
+    """Write a new folder of recordings: five presses each of a damped spring."""
     folder.mkdir()
+    t, run = np.arange(samples // 5) / 500.0, np.repeat(np.arange(5), samples // 5)
+    rates = 2.0 * np.pi * np.array([2.0, 3.0, 4.0, 3.0, 2.0]) / t[-1]
+    x = np.concatenate([0.0045 - 0.0055 * np.cos(rate * t) for rate in rates])
+    v = np.concatenate([0.0055 * rate * np.sin(rate * t) for rate in rates])
     for item in range(number):
-        write_press(folder / f"r{item}.csv", 100_000 * seed + item, samples, hidden)
+        rng = np.random.default_rng(item)
+        stiffness = 400.0 * (1.0 + 0.03 * rng.standard_normal())
+        force = np.where(x > 0.0, np.maximum(stiffness * x + 4.0 * v, 0.0), 0.0)
+        columns = [np.tile(t, 5), x, force + rng.normal(0.0, 0.02, len(x)), run]
+        names, file = "time_s,displacement_m,force_N,run", folder / f"r{item}.csv"
+        np.savetxt(file, np.column_stack(columns), delimiter=",", header=names, comments="", fmt="%.8g")
     return folder
 
 
@@ -149,67 +113,30 @@ def memory(folder: Path, rows: int) -> None:
     )
 
 
-def pooled(folder: Path, repeats: int, seed: int) -> None:
-    """Count batches of 40 short recordings in which pooling names a hidden effect, or an absent one."""
-    named = {0.5: 0, 0.0: 0}
-    for repeat in range(repeats):
-        for hidden in named:
-            place = folder / f"{repeat}_{hidden}"
-            data = presses(place, 40, samples=750, hidden=hidden, seed=2 * (seed + repeat) + (hidden > 0))
-            found = palpate.batch(data, out=f"{place}_out", pool=True, workers=2).common_effects
-            names = {name for effect in found for name in (effect.effect, *effect.confused_with)}
-            named[hidden] += "cubic_stiffness" in names if hidden else bool(found)
-        counts = f"found {named[0.5]}, false {named[0.0]} of {repeat + 1}"
-        print(f"effect of half the noise in 40 recordings: {counts}", flush=True)
-
-
-def trend(folder: Path, repeats: int, years: int, seed: int) -> None:
-    """Date a step of friction in nightly logs; count alarms of a nightly job over years without a change."""
-    dated = 0
-    for repeat in range(repeats):
-        (logs := folder / f"logs{repeat}").mkdir()
-        step = 15 + (7 * repeat) % 30
-        for night in range(60):
-            day = (date(2026, 1, 1) + timedelta(night)).isoformat()
-            write_log(logs / f"{day}.csv", 1000 * (seed + repeat) + night, 0.33 if night >= step else 0.3)
-        batched = palpate.batch(
-            logs, out=folder / f"out{repeat}", pattern="{date}.csv", model="inertia",
-            add=["coulomb_friction"], workers=2,
-        )  # fmt: skip
-        name = "coulomb_friction.force [N m]"
-        table = batched.table.sort_by("measurement")
-        values, errors = (table[head].to_numpy() for head in (name, name.replace(" [", " std_err [")))
-        changes = find_changes(series(values, errors), 0.01 / 4)
-        dated += any(each.kind == "step" and abs(each.first - step) <= 3 for each in changes)
-        print(f"step of 10 % in 60 logs: dated within 3 nights in {dated} of {repeat + 1}", flush=True)
-    rng, alarms, alarmed = np.random.default_rng(seed), 0, 0
+def alarms(_folder: Path, years: int, seed: int) -> None:
+    """Count the alarms of a nightly job over years without a change, in four series of a growing table."""
+    rng, count, alarmed = np.random.default_rng(seed), 0, 0
     for _ in range(years):
-        before = alarms
-        unchanged = rng.standard_normal((4, 365))  # four series of a table that grows for a year
+        before = count
+        unchanged = rng.standard_normal((4, 365))
         known: set[tuple[int, str, int]] = set()
         for night in range(10, 366):
             for item, values in enumerate(unchanged):
-                for change in find_changes(
-                    series(1.0 + 0.04 * values[:night], np.full(night, 0.005)), 0.01 / 4
-                ):
+                nights, errors = np.arange(night), np.full(night, 0.005)
+                seen = 1.0 + 0.04 * values[:night]
+                series = Series("all", "axis", "p", "N m", nights, nights.astype(float), seen, errors)
+                for change in find_changes(series, 0.01 / 4):
                     key = (item, change.kind, change.first)
-                    alarms += not any(k[:2] == key[:2] and abs(k[2] - key[2]) <= 5 for k in known)
+                    count += not any(k[:2] == key[:2] and abs(k[2] - key[2]) <= 5 for k in known)
                     known.add(key)
-        alarmed += alarms > before
-    print(f"{years} quiet years of four series, tested nightly: {alarms} alarms, in {alarmed} years")
-
-
-def series(values: np.ndarray, errors: np.ndarray) -> Series:
-    """Make a series of one value per night, of shape (n,), with standard errors (n,)."""
-    nights = np.arange(len(values))
-    return Series("all", "axis", "p", "N m", nights, nights.astype(float), values, errors)
+        alarmed += count > before
+    print(f"{years} quiet years of four series, tested nightly: {count} alarms, in {alarmed} years")
 
 
 PARTS: dict[str, tuple[Callable[..., None], tuple[str, ...]]] = {  # with the options that each needs
     "speed": (speed, ("recordings",)),
     "memory": (memory, ("rows",)),
-    "pooled": (pooled, ("repeats", "seed")),
-    "trend": (trend, ("repeats", "years", "seed")),
+    "alarms": (alarms, ("years", "seed")),
 }
 
 
@@ -219,9 +146,8 @@ def main() -> None:
     parser.add_argument("--part", choices=PARTS, required=True)
     parser.add_argument("--recordings", type=int, default=30)
     parser.add_argument("--rows", type=int, default=20_000)
-    parser.add_argument("--repeats", type=int, default=3, help="batches of pooled and trend")
     parser.add_argument("--years", type=int, default=1)
-    parser.add_argument("--seed", type=int, default=0, help="of pooled and trend")
+    parser.add_argument("--seed", type=int, default=0, help="of alarms")
     asked = parser.parse_args()
     part, names = PARTS[asked.part]
     with TemporaryDirectory() as folder:

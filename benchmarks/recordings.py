@@ -9,8 +9,7 @@ instead, which also tests how files are read. A recording is judged by three cri
 1. The kind with the largest share of the budget is an expected one. Recordings in which an expected kind is
    stated to explain as much in its place are also counted separately.
 2. A form that the recipe accepts is named (or a newer effect of the same curve, see measured/score.py), or
-the
-   form of the largest kind is stated to be unknown.
+   the form of the largest kind is stated to be unknown.
 3. No name is wrong.
 
 If the recipe has `verdicts`, any of these verdicts is right by itself. Recordings that are held out are run

@@ -19,7 +19,6 @@ inseparable if none leaves 5 % more error than another, and if the hidden effect
 
 import json
 import math
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
@@ -50,12 +49,6 @@ WEAKEST, STRONGEST = 1.5, 10.0  # times the noise floor
 SAME = {"force_deadband": "deadband"}  # the estimator's names of the simulator's effects
 
 
-def drawable_effects() -> list[str]:
-    """List the effects that some channel of a probing run shows."""
-    channels = set(noise_scale(Scenario()).channels)
-    return [name for name, kind in IMPERFECTIONS.items() if channels & set(kind.shows_in)]
-
-
 def screen_case(effect: str, seed: int) -> dict[str, Any] | None:
     """Return a case that the short probe leaves undecided; None if it decides."""
     rng, scale = np.random.default_rng([seed, 77]), noise_scale(Scenario())
@@ -77,7 +70,6 @@ def screen_case(effect: str, seed: int) -> dict[str, Any] | None:
 
 def resolve_case(probes: int, case: dict[str, Any]) -> dict[str, Any]:
     """Resolve one case."""
-    begun = time.perf_counter()
     decisions: list[ProbeDecision] = []
     with TemporaryDirectory() as folder, threadpool_limits(1):
         job = _job(case, Path(folder) / "sessions" / "probe.mcap")
@@ -97,9 +89,6 @@ def resolve_case(probes: int, case: dict[str, Any]) -> dict[str, Any]:
         "separated": right,
         "wrong": decided and not right,
         "undecided_at_first": bool(decisions) and decisions[0].end is not StopReason.SEPARATED,
-        "path": [decision.left for decision in decisions],
-        "experiments": [decision.next for decision in decisions if decision.next],
-        "wall_s": time.perf_counter() - begun,
     }
 
 
@@ -138,22 +127,14 @@ def _groups(diagnosis: ChannelDiagnosis) -> list[list[str]]:
 
 
 def report(done: Sequence[dict[str, Any]]) -> None:
-    """Print the figures."""
-    tried = [case for case in done if case["undecided_at_first"]]
-    right = [case for case in tried if case["separated"]]
+    """Print the figures of the cases that the first probe leaves undecided."""
+    done = [case for case in done if case["undecided_at_first"]]
+    right = [case for case in done if case["separated"]]
     counts = [sum(case["more_probes"] <= number for case in right) for number in (1, 2, 3)]
-    print(f"{len(tried)} cases; separated within 1, 2, 3 more probes: {counts}; in all {len(right)}")
-    print(f"  wrong: {sum(case['wrong'] for case in tried)}")
-    print(f"  more probes, sum over all cases: {sum(case['more_probes'] for case in tried)}")
-    print(f"  seconds of probing, sum over all cases: {sum(case['seconds'] for case in tried):.0f}")
-
-
-def check(results: Path) -> None:
-    """Print which cases are truly inseparable."""
-    for line in results.read_text(encoding="utf-8").splitlines():
-        done = json.loads(line)
-        if done["end"] == StopReason.INSEPARABLE:
-            print(f"{done['hidden']} | {done['left']} | {is_inseparable(done)}", flush=True)
+    print(f"{len(done)} cases; separated within 1, 2, 3 more probes: {counts}; in all {len(right)}")
+    print(f"  wrong: {sum(case['wrong'] for case in done)}")
+    print(f"  more probes, sum over all cases: {sum(case['more_probes'] for case in done)}")
+    print(f"  seconds of probing, sum over all cases: {sum(case['seconds'] for case in done):.0f}")
 
 
 def main() -> None:
@@ -169,10 +150,13 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=2)
     options = parser.parse_args()
     if options.check:
-        check(options.check)
+        for done in map(json.loads, options.check.read_text(encoding="utf-8").splitlines()):
+            if done["end"] == StopReason.INSEPARABLE:
+                print(done["hidden"], done["left"], is_inseparable(done), sep=" | ", flush=True)
         return
     if options.find:
-        names = drawable_effects()
+        shown = set(noise_scale(Scenario()).channels)
+        names = [name for name, kind in IMPERFECTIONS.items() if shown & set(kind.shows_in)]
         jobs = [(names[n % len(names)], options.seed + n) for n in range(options.find)]
         with json_lines(options.cases, "a") as write:
             for case in filter(None, parallel(screen_case, jobs, options.processes, in_order=True)):
@@ -184,7 +168,7 @@ def main() -> None:
         for case in parallel(resolve_case, jobs, options.processes):
             done.append(case)
             word = "separated" if case["separated"] else "WRONG" if case["wrong"] else case["end"]
-            print(word, *(case[key] for key in ("hidden", "more_probes", "experiments", "left")), sep=" | ")
+            print(word, *(case[key] for key in ("hidden", "more_probes", "left")), sep=" | ")
             write(case)
     report(done)
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from harness import arguments, json_lines, parallel
 from second_generator.cases import grid
-from second_generator.judge import CaseOutcome, by_effect, from_record, run, table
+from second_generator.judge import CaseOutcome, from_record, run, table
 
 
 def read(path: Path) -> list[CaseOutcome]:
@@ -38,8 +38,7 @@ def main() -> None:
     parser.add_argument("--table", type=Path, metavar="FILE")
     options = parser.parse_args()
     if options.table:
-        outcomes = read(options.table)
-        print(f"{by_effect(outcomes)}\n\n{table(outcomes)}")
+        print(table(read(options.table)))
         return
     every = grid()
     if options.removed:
@@ -57,7 +56,7 @@ def main() -> None:
             write(outcome.record())
     outcomes.sort(key=lambda outcome: outcome.job.number)
     print(f"\n{len(jobs) - len(outcomes)} of {len(jobs)} cases cannot be hidden in any world drawn")
-    print(f"\n{by_effect(outcomes)}\n\n{table(outcomes)}")
+    print(f"\n{table(outcomes)}")
 
 
 if __name__ == "__main__":

@@ -13,10 +13,8 @@ import select
 import socket
 import struct
 import sys
-from collections import defaultdict
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing, contextmanager
-from pathlib import Path
+from collections.abc import Callable
+from contextlib import closing
 from time import perf_counter
 from typing import Any
 
@@ -26,26 +24,13 @@ from harness import ROBOTS, print_table
 from palpate.robot_io.clock import SimulatedClock
 from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.drivers.servo.bus import ServoBus
-from palpate.robot_io.robot import Robot, build_robot
+from palpate.robot_io.robot import build_robot
 from palpate.robot_io.robot_file import load_robot_file
 from palpate.sim_backend.emulators.wiring import wire_up
 from palpate.sim_backend.scenario import load_scenario
 
 KINDS = {"dynamixel": "dynamixel_3dof.yaml", "feetech": "so101.yaml"}
 TICK_S, WARM_UP, ROUNDS = 5e-3, 20, 20
-
-
-@contextmanager
-def emulated_robot(file: Path) -> Iterator[tuple[Robot, SimulatedClock]]:
-    """Yield an active robot whose devices are emulated in lock-step with a clock that takes no time."""
-    clock = SimulatedClock()
-    arm = wire_up(load_robot_file(file), load_scenario("default"), clock)
-    try:
-        with build_robot(arm.robot_file, DriverCatalog(), clock) as robot:
-            robot.activate()
-            yield robot, clock
-    finally:
-        arm.emulator.close()
 
 
 class ReplayedPort:
@@ -57,42 +42,42 @@ class ReplayedPort:
     """
 
     def __init__(self, bus: ServoBus[Any], clock: SimulatedClock) -> None:
-        self._port, self.zero, self.spent_s = bus._port, np.zeros(bus.joint_count), 0.0
+        self._bus, self._clock, self._zero, self.spent_s = bus, clock, np.zeros(bus.joint_count), 0.0
+        port: Any = bus._port
+        own, self._send, receive = (port._fd, port._poll), port.write, port.read
         sent: list[bytes] = []
         received: list[bytes] = []
-        write, read = self._port.write, self._port.read
-        self._port.write = lambda data: (sent.append(data), write(data))[1]  # type: ignore[method-assign,func-returns-value]
-        self._port.read = lambda: received.append(read()) or received[-1]  # type: ignore[method-assign,func-returns-value]
+        port.write = lambda data: (sent.append(data), self._send(data))[1]
+        port.read = lambda: received.append(receive()) or received[-1]
         for _ in range(3):
             del sent[:], received[:]
-            self.tick(bus, clock)
-        self._port.read = read  # type: ignore[method-assign]
+            self.tick()
         self._request, self._goals = sent
         self._answer = b"".join(received)
         self._layout = struct.Struct(f"<{len(self._answer)}B")
-        self._write, self._ends = write, socket.socketpair()
+        self._ends = socket.socketpair()
         for end in self._ends:
             end.setblocking(False)
-        self._own_fd, self._fd, self._far_fd = self._port._fd, *(end.fileno() for end in self._ends)
-        self._own_poll, poll = self._port._poll, select.poll()
+        self._fd, self._far_fd = (end.fileno() for end in self._ends)
+        poll = select.poll()
         poll.register(self._fd, select.POLLIN)
-        self._port._fd, self._port._poll = self._fd, poll
-        self._port.write = self.write  # type: ignore[method-assign]
+        port._fd, port._poll, port.read, port.write = self._fd, poll, receive, self.write
+        self._restore = lambda: vars(port).update(_fd=own[0], _poll=own[1], write=self._send)
 
     def write(self, data: bytes) -> None:
         """Send bytes; a request is answered at once, and this time is not counted."""
-        self._write(data)
+        self._send(data)
         begun_s = perf_counter()
         os.read(self._far_fd, 4096)
         if data == self._request:
             os.write(self._far_fd, self._answer)
         self.spent_s += perf_counter() - begun_s
 
-    def tick(self, bus: ServoBus[Any], clock: SimulatedClock) -> None:
+    def tick(self) -> None:
         """Poll, stage and flush, as the robot does in each tick."""
-        bus.poll(clock.now_s() + TICK_S)
-        bus.stage(self.zero)
-        bus.flush(clock.now_s() + TICK_S)
+        self._bus.poll(self._clock.now_s() + TICK_S)
+        self._bus.stage(self._zero)
+        self._bus.flush(self._clock.now_s() + TICK_S)
 
     def bare_tick(self) -> None:
         """Write a request, read the answer, unpack it, write the goals."""
@@ -112,30 +97,27 @@ class ReplayedPort:
 
     def close(self) -> None:
         """Give the emulated servos their port back."""
-        self._port._fd, self._port._poll = self._own_fd, self._own_poll
-        self._port.write = self._write  # type: ignore[method-assign]
+        self._restore()
         for end in self._ends:
             end.close()
 
 
 def main() -> None:
-    """Measure all kinds in turn, several times, and print one line for each."""
+    """Measure each kind, both loops in turn, and print one line for each."""
     ticks = (int(sys.argv[1]) if len(sys.argv) > 1 else 5000) // ROUNDS
-    times: dict[tuple[str, bool], list[float]] = defaultdict(list)
-    with ExitStack() as stack:
-        loops = {}
-        for kind, file in KINDS.items():
-            robot, clock = stack.enter_context(emulated_robot(ROBOTS / file))
-            bus = next(bus for bus in robot.buses.values() if isinstance(bus, ServoBus))
-            port = stack.enter_context(closing(ReplayedPort(bus, clock)))
-            loops[kind] = (port, lambda port=port, bus=bus, clock=clock: port.tick(bus, clock))
-        for _ in range(ROUNDS):
-            for kind, (port, tick) in loops.items():
-                times[kind, False] += port.measure(ticks, port.bare_tick)
-                times[kind, True] += port.measure(ticks, tick)
     rows = []
-    for kind in KINDS:
-        ours, bare = (np.percentile(times[kind, is_ours], 20) for is_ours in (True, False))
+    for kind, file in KINDS.items():
+        clock = SimulatedClock()
+        arm = wire_up(load_robot_file(ROBOTS / file), load_scenario("default"), clock)
+        with closing(arm.emulator), build_robot(arm.robot_file, DriverCatalog(), clock) as robot:
+            robot.activate()
+            bus = next(bus for bus in robot.buses.values() if isinstance(bus, ServoBus))
+            with closing(ReplayedPort(bus, clock)) as port:
+                rounds = [
+                    (port.measure(ticks, port.bare_tick), port.measure(ticks, port.tick))
+                    for _ in range(ROUNDS)
+                ]
+        bare, ours = np.percentile(np.concatenate(rounds, axis=1), 20, axis=1)
         rows.append((kind, f"{ours:.1f}", f"{bare:.1f}", f"{ours / bare:.1f}"))
     print_table("us, 20th percentiles", ("servos", "palpate", "bare", "ratio"), rows)
 

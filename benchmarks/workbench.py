@@ -19,7 +19,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import psutil  # type: ignore[import-untyped]
 from harness import PALPATE, arguments, run_palpate
-from playwright.sync_api import ConsoleMessage, Page, TimeoutError, sync_playwright
+from playwright.sync_api import Page, TimeoutError, sync_playwright
 
 from palpate.robot_io.types import FloatArray
 
@@ -55,22 +55,6 @@ def megabytes(process: psutil.Process) -> float:
     return float(sum(member.memory_info().rss for member in every)) / 1e6
 
 
-def browser_megabytes(page: Page) -> float:
-    """Return the used heap of the page's script after garbage collection [MB]."""
-    asked = page.context.new_cdp_session(page)
-    asked.send("HeapProfiler.collectGarbage")
-    used = float(asked.send("Runtime.getHeapUsage")["usedSize"]) / 1e6
-    asked.detach()
-    return used
-
-
-def free_port() -> int:
-    """Return an unused port."""
-    with socket.socket() as tried:
-        tried.bind(("127.0.0.1", 0))
-        return int(tried.getsockname()[1])
-
-
 def ticks(page: Page, effects: Sequence[str], pause_s: float) -> FloatArray:
     """Return the times from ticks to new curves, and to those of the fit, shape (ticks, 2) [ms]."""
     durations = []
@@ -99,23 +83,21 @@ def print_times(what: str, times_ms: FloatArray) -> None:
 
 def measure_workbench(page: Page, session: Path, folder: Path, count: int) -> None:
     """Measure the page of palpate."""
-    raw_at_s: list[float] = []
-
-    def heard(said: ConsoleMessage) -> None:
-        word, _, at_ms = said.text.partition(" ")
-        if word == "raw":
-            raw_at_s.append(float(at_ms) / 1e3)
-
-    page.on("console", heard)
+    said: list[str] = []
+    page.on("console", lambda message: said.append(message.text))
     page.add_init_script(_RAW)
-    port, begun = free_port(), time.time()
+    with socket.socket() as tried:
+        tried.bind(("127.0.0.1", 0))
+        port = int(tried.getsockname()[1])
+    begun = time.time()
     options = [str(session), "--port", str(port), "--no-browser"]
     with served([*PALPATE, "workbench", *options], port, folder) as process:
         page.goto(f"http://127.0.0.1:{port}", wait_until="commit")
         page.wait_for_selector(".scatterlayer .js-line")
         curves_s = time.time() - begun
         page.wait_for_selector("[data-error]")
-        error_s, raw_s = time.time() - begun, raw_at_s[0] - begun
+        error_s = time.time() - begun
+        raw_s = next(float(text[4:]) for text in said if text.startswith("raw ")) / 1e3 - begun
         shown = f"raw curves {raw_s:.1f} s, to zoom in {curves_s:.1f} s, error {error_s:.1f} s"
         print(f"after the command: {shown}")
         page.wait_for_selector('[data-effect="cubic_stiffness"] .q-checkbox')
@@ -126,12 +108,11 @@ def measure_workbench(page: Page, session: Path, folder: Path, count: int) -> No
         for _ in range(20):
             page.evaluate(_TICK, EFFECTS[0])
         page.wait_for_timeout(3000)
-        before, heap = megabytes(process), browser_megabytes(page)
+        before = megabytes(process)
         print_times("many", np.array([page.evaluate(_TICK, EFFECTS[0]) for _ in range(count)]))
         page.wait_for_timeout(3000)
-        after, heap_after = megabytes(process), browser_megabytes(page)
+        after = megabytes(process)
         print(f"memory of all processes: {before:.0f} MB, after {count} ticks {after / before - 1:+.1%}")
-        print(f"the browser's heap: {heap:.1f} MB, after {count} ticks {heap_after / heap - 1:+.1%}")
 
 
 def main() -> None:

@@ -24,6 +24,7 @@ import sys
 import zipfile
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Callable, Iterator, Mapping
+from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -170,9 +171,8 @@ def read_matlab(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 def _objects(workspace: bytes) -> NDArray[np.object_]:
     """Return the contents of all objects of a MATLAB file in one cell.
 
-    Args:
-        workspace: the file's hidden variable. It is itself a file: a short header (version, byte order,
-            four more bytes), then variables without names. The first of these holds the objects.
+    The workspace, a hidden variable of the file, is itself a file: a short header (version, byte order, four
+    more bytes), then variables without names. The first of these holds the objects.
     """
     header = workspace[:4].rjust(128, b" ")
     order = "<" if workspace[2:4] == b"IM" else ">"
@@ -234,13 +234,14 @@ def _jpk_channel(
         return values * float(header[f"{at}multiplier"]) + float(header[f"{at}offset"])
 
     encoders = (f"{prefix}encoder.scaling.", f"{prefix}data.encoder.scaling.")
-    for at in [at for at in encoders if f"{at}multiplier" in header][:1]:
+    if at := next((at for at in encoders if f"{at}multiplier" in header), ""):
         raw = linear(raw, at)
-    names = header.get(f"{prefix}conversion-set.conversions.list", "").split()
+    prefix += "conversion-set.conversion"
+    names = header.get(f"{prefix}s.list", "").split()
     names = names[: names.index(last) + 1] if last in names else names
-    done = {header.get(f"{prefix}conversion-set.conversions.base", "volts")}
+    done = {header.get(f"{prefix}s.base", "volts")}
     for name in names:  # each starts from the result of an earlier one
-        at = f"{prefix}conversion-set.conversion.{name}."
+        at = f"{prefix}.{name}."
         if header.get(f"{at}defined", "true") == "false" or f"{at}scaling.multiplier" not in header:
             done.add(name)
         elif header.get(f"{at}base-calibration-slot") in done:
@@ -255,7 +256,7 @@ def read_jpk(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     Options: `height`: name of the channel with the height (default `height`).
     """
     curves: list[Columns] = []
-    end = "segment-header.properties"
+    end, wanted = "segment-header.properties", (options.get("height", "height"), "vDeflection", "vDeflection")
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         paths = archive.namelist()
         of_all = "shared-data/header.properties"
@@ -268,17 +269,10 @@ def read_jpk(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
             start = 0.0
             for number, segment in enumerate(sorted(curve)):
                 duration = float(_properties(archive, f"{segment}{end}")["force-segment-header.duration"])
-                channels = [
-                    _jpk_channel(archive, segment, name, shared, last)
-                    for name, last in (
-                        (options.get("height", "height"), ""),
-                        ("vDeflection", "distance"),
-                        ("vDeflection", ""),
-                    )
-                ]
-                count = len(channels[-1])
-                time = start + np.linspace(0.0, duration, count, endpoint=False)
-                parts.append(np.stack([time, *channels, np.full(count, float(number))]))
+                converted = zip(wanted, ("", "distance", ""), strict=True)
+                channels = [_jpk_channel(archive, segment, name, shared, last) for name, last in converted]
+                time = start + np.linspace(0.0, duration, len(channels[-1]), endpoint=False)
+                parts.append(np.stack([time, *channels, np.full(len(time), float(number))]))
                 start += duration
             names = ("time", "height", "deflection", "force", "segment")
             curves.append(dict(zip(names, np.concatenate(parts, axis=1), strict=True)))
@@ -339,7 +333,7 @@ def read_json(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     return [{name: np.array([row[name] for row in rows], dtype=np.float64) for name in names}]
 
 
-_ROS_NUMBERS = {
+_ROS_NUMBERS = {  # codes of `struct`
     **{"bool": "?", "byte": "b", "char": "B", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H"},
     **{"int32": "i", "uint32": "I", "int64": "q", "uint64": "Q", "float32": "f", "float64": "d"},
     **{"time": "II", "duration": "ii"},
@@ -348,11 +342,9 @@ _ROS_NUMBERS = {
 
 def _blocks(content: bytes) -> Iterator[bytes]:
     """Yield the parts of a ROS bag, each of which begins with its length."""
-    at = 0
-    while at < len(content):
-        (length,) = struct.unpack_from("<I", content, at)
-        yield content[at + 4 : at + 4 + length]
-        at += 4 + length
+    stream = io.BytesIO(content)
+    while length := stream.read(4):
+        yield stream.read(int.from_bytes(length, "little"))
 
 
 def _bag_fields(content: bytes) -> dict[str, bytes]:
@@ -371,6 +363,7 @@ def _bag_records(content: bytes) -> Iterator[tuple[dict[str, bytes], bytes]]:
             yield fields, data
 
 
+@cache
 def _ros_types(kind: str, definition: str) -> dict[str, list[tuple[str, str]]]:
     """Return types and names of the fields of a message and of nested ones, by the last part of the type."""
     first, *others = re.split(r"^=+$", definition, flags=re.MULTILINE)
@@ -384,28 +377,24 @@ def _ros_types(kind: str, definition: str) -> dict[str, list[tuple[str, str]]]:
 
 
 def _ros_numbers(
-    of: str, types: Mapping[str, list[tuple[str, str]]], data: bytes, at: int, name: str
-) -> tuple[dict[str, float], int]:
-    """Return the numbers in a message field by name, and the end of the field; texts are skipped."""
-    array = re.fullmatch(r"(.+)\[(\d*)\]", of)
-    if array:
-        count, at = (int(array[2]), at) if array[2] else (struct.unpack_from("<I", data, at)[0], at + 4)
-        items: dict[str, float] = {}
-        for i in range(count):
-            found, at = _ros_numbers(array[1], types, data, at, f"{name}.{i}")
-            items |= found
-        return items, at
-    if of == "string":
-        return {}, at + 4 + int(struct.unpack_from("<I", data, at)[0])
-    if code := _ROS_NUMBERS.get(of):
-        values = struct.unpack_from(f"<{code}", data, at)
-        number = values[0] + 1e-9 * values[1] if len(values) == 2 else float(values[0])
-        return {name: number}, at + struct.calcsize(f"<{code}")
-    numbers: dict[str, float] = {}
-    for inner, field in types[of.rpartition("/")[2]]:
-        found, at = _ros_numbers(inner, types, data, at, f"{name}.{field}" if name else field)
-        numbers |= found
-    return numbers, at
+    of: str, types: Mapping[str, list[tuple[str, str]]], data: io.BytesIO, name: str
+) -> Iterator[tuple[str, float]]:
+    """Yield names and values of the numbers in a message field; texts are skipped."""
+
+    def unpacked(code: str) -> tuple[Any, ...]:
+        return struct.unpack(f"<{code}", data.read(struct.calcsize(f"<{code}")))
+
+    if array := re.fullmatch(r"(.+)\[(\d*)\]", of):
+        for i in range(int(array[2] or 0) or unpacked("I")[0]):
+            yield from _ros_numbers(array[1], types, data, f"{name}.{i}")
+    elif of == "string":
+        data.seek(unpacked("I")[0], io.SEEK_CUR)
+    elif code := _ROS_NUMBERS.get(of):
+        number, *nanoseconds = unpacked(code)
+        yield name, float(number) + 1e-9 * sum(nanoseconds)
+    else:
+        for inner, field in types[of.rpartition("/")[2]]:
+            yield from _ros_numbers(inner, types, data, f"{name}.{field}" if name else field)
 
 
 def read_bag(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
@@ -416,24 +405,20 @@ def read_bag(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     Raises:
         FileNotFoundError: the bag has no message of this topic; the text lists its topics.
     """
-    topics: set[str] = set()
-    connections: dict[bytes, tuple[str, dict[str, list[tuple[str, str]]]]] = {}
+    connections: dict[bytes, tuple[str, ...]] = {}  # topic, type and its definition
     rows: list[dict[str, float]] = []
     for fields, data in _bag_records(content[content.index(b"\n") + 1 :]):
         if fields["op"] == b"\x07":
-            topics.add(fields["topic"].decode())
-            if fields["topic"].decode() != options["topic"]:
-                continue
-            about = _bag_fields(data)
-            kind = about["type"].decode()
-            connections[fields["conn"]] = kind, _ros_types(kind, about["message_definition"].decode())
-        elif fields["op"] == b"\x02" and fields["conn"] in connections:
-            kind, types = connections[fields["conn"]]
-            rows.append(_ros_numbers(kind, types, data, 0, "")[0])
+            about = _bag_fields(data) | {"topic": fields["topic"]}
+            keys = ("topic", "type", "message_definition")
+            connections[fields["conn"]] = tuple(about[key].decode() for key in keys)
+        elif fields["op"] == b"\x02":
+            topic, kind, definition = connections[fields["conn"]]
+            if topic == options["topic"]:
+                rows.append(dict(_ros_numbers(kind, _ros_types(kind, definition), io.BytesIO(data), "")))
     if not rows:
-        raise FileNotFoundError(
-            f"topic {options['topic']}: the bag has no message of it; its topics: {', '.join(sorted(topics))}"
-        )
+        topics = ", ".join(sorted({topic for topic, *_ in connections.values()}))
+        raise FileNotFoundError(f"topic {options['topic']}: no message of it; the bag's topics: {topics}")
     names = [name for name in rows[0] if all(name in row for row in rows)]  # arrays may differ in length
     return [{name: np.array([row[name] for row in rows]) for name in names}]
 
@@ -591,11 +576,10 @@ def _tables(recipe: Mapping[str, Any], origin: Origin) -> Iterator[list[Columns]
     joined, apart = read.get("join", []), read.get("apart", {})
     for first in range(0, len(paths), max(len(joined), 1)):
         if joined:
-            options = {name: {**read, **apart.get(name, {})} for name in joined}
-            parts = {
-                name: READERS[options[name]["format"]](origin.read(path), options[name])[0]
-                for name, path in zip(joined, paths[first : first + len(joined)], strict=True)
-            }
+            parts = {}
+            for name, path in zip(joined, paths[first : first + len(joined)], strict=True):
+                options = {**read, **apart.get(name, {})}
+                parts[name] = READERS[options["format"]](origin.read(path), options)[0]
             if clocks := read.get("clocks"):
                 parts = _on_one_clock(parts, clocks)
             for name in read.get("backwards", []):
@@ -669,10 +653,11 @@ def runs_of(recipe: Mapping[str, Any], origin: Origin) -> Iterator[Columns]:
                 columns = _thin(columns, read["thin"])
             if "surface" in read:
                 _find_surface(columns, read["surface"])
-            pieces, count = read.get("pieces", 1), len(columns["time_s"])
+            pieces, count, every = read.get("pieces", 1), len(columns["time_s"]), read.get("every", 1)
             edges = [piece * count // pieces for piece in range(pieces + 1)]
-            for ends in itertools.pairwise(edges):
-                yield _decimate(_rows(columns, slice(*ends)), read.get("every", 1))
+            for start, stop in itertools.pairwise(edges):
+                blocks = slice(start, stop - (stop - start) % every)
+                yield {name: each[blocks].reshape(-1, every).mean(axis=1) for name, each in columns.items()}
 
 
 def _output(specs: Mapping[str, Any], table: Columns, item: str, file: int) -> dict[str, NDArray[np.float64]]:
@@ -680,10 +665,11 @@ def _output(specs: Mapping[str, Any], table: Columns, item: str, file: int) -> d
     named = [str(name).replace("{}", item) for spec in specs.values() for name in spec.get("sum", {})]
     count = len(table[named[0]] if named else next(iter(table.values())))  # others may have other lengths
     columns = {
-        name: _column(table, spec, item, count) for name, spec in specs.items() if "of_file" not in spec
+        name: np.full(count, float(spec["of_file"][file]))
+        if "of_file" in spec
+        else _column(table, spec, item, count)
+        for name, spec in specs.items()
     }
-    for name in (name for name in specs if name not in columns):
-        columns[name] = np.full(count, float(specs[name]["of_file"][file]))
     for name in (name for name, spec in specs.items() if spec.get("integral")):
         columns[name] = cumulative_trapezoid(columns[name], columns["time_s"], initial=0.0)
     return columns
@@ -721,13 +707,6 @@ def _find_surface(columns: dict[str, NDArray[np.float64]], sigmas: float) -> Non
     force = columns["force_N"] = force - free.mean()
     below = np.flatnonzero(force[:peak] < sigmas * free.std())
     columns["displacement_m"] = x - x[below[-1] if len(below) else 0]
-
-
-def _decimate(columns: Columns, every: int) -> Columns:
-    if every == 1:
-        return columns
-    count = len(columns["time_s"]) // every * every
-    return {name: values[:count].reshape(-1, every).mean(axis=1) for name, values in columns.items()}
 
 
 def convert(recipe: Mapping[str, Any], origin: Origin, folder: Path) -> int:

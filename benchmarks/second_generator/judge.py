@@ -2,8 +2,7 @@
 
 import math
 import time
-from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -196,12 +195,6 @@ def _intervals(case: GeneratedCase, diagnosis: ChannelDiagnosis) -> list[Interva
     ]
 
 
-def share(flags: Iterable[bool]) -> str:
-    """Return the count of true flags as text, such as "3 of 5"."""
-    some = list(flags)
-    return f"{sum(some)} of {len(some)}"
-
-
 HIDDEN = ("one", "two")
 # Rows of the table: the sorts of cases in the row, and the condition for counting a case.
 ROWS: dict[str, tuple[Sequence[str], Callable[[CaseOutcome], bool]]] = {
@@ -221,9 +214,6 @@ ROWS: dict[str, tuple[Sequence[str], Callable[[CaseOutcome], bool]]] = {
     "removed: wrong name, form exact": (("removed",), lambda o: bool(o.exact_forms)),
     "removed: kind right": (("removed",), lambda o: o.kind_right is True),
     "removed: kind right or possible": (("removed",), lambda o: o.kind_stated is True),
-    "named rightly: form exact": (HIDDEN, lambda o: bool(o.exact_forms)),
-    "hidden: unexplained": (HIDDEN, lambda o: o.verdict == "unexplained"),
-    "hidden: insufficient": (HIDDEN, lambda o: o.verdict == "insufficient"),
 }
 
 
@@ -234,33 +224,12 @@ def table(outcomes: Sequence[CaseOutcome]) -> str:
     lines = {"": list(columns)}
     for what, (sorts, is_so) in ROWS.items():
         counted = [[o for o in some if o.job.sort in sorts] for some in columns.values()]
-        if what.startswith("named rightly"):
-            counted = [[o for o in some if o.exact] for some in counted]
-        lines[what] = [share(map(is_so, some)) for some in counted]
+        lines[what] = [f"{sum(map(is_so, some))} of {len(some)}" for some in counted]
     for what, accepted in (("accepted", True), ("the simple model", False)):
         lines[f"intervals of {what} hold"] = [_held(some, accepted) for some in columns.values()]
-    lines["processor seconds, median / largest"] = [_seconds(some) for some in columns.values()]
     return "\n".join(f"{what:36s}" + "".join(f"{cell:>16s}" for cell in row) for what, row in lines.items())
 
 
 def _held(some: Sequence[CaseOutcome], accepted: bool) -> str:
     flags = [i.holds for o in some for i in o.intervals if i.accepted == accepted and i.holds is not None]
     return f"{100 * np.mean(flags):.0f} % of {len(flags)}" if flags else "-"
-
-
-def _seconds(some: Sequence[CaseOutcome]) -> str:
-    times = [o.seconds for o in some]
-    return f"{np.median(times):.1f} / {max(times):.1f}" if times else "-"
-
-
-def by_effect(outcomes: Sequence[CaseOutcome]) -> str:
-    """Return for each hidden effect how often the answer is right, and the wrong answers."""
-    of: dict[str, list[CaseOutcome]] = defaultdict(list)
-    for o in outcomes:
-        of[" + ".join(o.job.hidden) or "nothing"].append(o)
-    lines = []
-    for name, some in sorted(of.items()):
-        wrong = Counter(" + ".join(o.accepted) or o.verdict for o in some if not o.right)
-        told = "; ".join(f"{what} ({count})" for what, count in wrong.items())
-        lines.append(f"{name:44s}{share(o.right for o in some):>9s}   {told}")
-    return "\n".join(lines)
