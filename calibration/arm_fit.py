@@ -134,7 +134,7 @@ def motion_of(ticks: Samples) -> ArmMotion:
     excited = ticks.select(ticks["run"] == 0)
     channels = joint_channels(excited)
     if not channels or len(channels[0]) < _MIN_SAMPLES:
-        raise InputError("too little motion to calibrate from: the calibration was interrupted")
+        raise InputError("too little motion to calibrate from, because the calibration was interrupted")
     context, inner = channels[0].context, slice(_EDGE, -_EDGE)
     sent_rows = np.searchsorted(excited["time_s"], channels[0].time_s, side="right") - 1
     sent = excited.vector("torque_sent_nm")[np.maximum(sent_rows, 0)]
@@ -180,12 +180,12 @@ def fit_arm(motion: ArmMotion, body: RigidBody) -> ArmFit:
         measured_nm = motion.measured_nm[:, joint - 1]
         if np.ptp(measured_nm) < _MIN_TORQUE_NM:
             raise InputError(
-                f"joint {joint}: its measured torque is always {measured_nm[0]:.3g} N m: the drive "
+                f"joint {joint}: its measured torque is always {measured_nm[0]:.3g} N m, so the drive "
                 "does not report it; check the section `torque` of the robot file"
             )
         if spread < _MIN_TORQUE_NM:
             raise InputError(
-                f"joint {joint} carries the same load everywhere: its torque gain cannot be identified"
+                f"joint {joint} carries the same load everywhere, so its torque gain cannot be identified"
             )
     tilt_norms = np.linalg.norm((gravity @ _gravity_slopes(np.zeros(2))).reshape(-1, 2), axis=0)
     axes = np.asarray(tilt_norms > _MIN_TILT_EFFECT * max(float(tilt_norms.max()), _MIN_TORQUE_NM))
@@ -214,16 +214,16 @@ def implausible_arm(fit: ArmFit, *, gains_are_applied: bool) -> list[str]:
             found.append(
                 f"the residual of its torque is {rms_nm:.2g} N m (rms), "
                 f"{100 * rms_nm / measured_nm.std():.2g} % of its variation (at most "
-                f"{100 * _MAX_REL_RESIDUAL:g} % is plausible): the torques of two joints are swapped, or the "
-                "URDF describes another arm"
+                f"{100 * _MAX_REL_RESIDUAL:g} % is plausible); either two joints' torques are swapped, or "
+                "the URDF describes another arm"
             )
         for extreme_nm in (measured_nm.min(), measured_nm.max()):
             held_nm = fitted_nm[np.isclose(measured_nm, extreme_nm, rtol=1e-9, atol=0.0)]
             if len(held_nm) > 1 and np.ptp(held_nm) > _SATURATED_SHARE * np.ptp(fitted_nm):
                 found.append(
                     f"its measured torque stays at {extreme_nm:.3g} N m while the model changes by "
-                    f"{np.ptp(held_nm):.2g} N m: the signal is saturated; give it a larger range, or reduce "
-                    "limits.torque_nm"
+                    f"{np.ptp(held_nm):.2g} N m, so the signal is saturated; give it a larger range, or "
+                    "reduce limits.torque_nm"
                 )
         reasons += [f"joint {joint + 1}: {reason}" for reason in found if reason]
     low, high = USABLE_GAINS
@@ -236,19 +236,19 @@ def _implausible_gain(gain: float, std_err: float) -> str:
     low, high = PLAUSIBLE_GAINS
     if gain < 0.0:
         return (
-            f"the gain of its torque is {gain:.3g}: the sign is reversed; correct it in the robot file, for "
-            "example with `reversed`"
+            f"the gain of its torque is {gain:.3g}, so the sign is reversed; correct it in the robot file, "
+            "for example with `reversed`"
         )
     if not low <= gain <= high:
         return (
-            f"the gain of its torque is {gain:.3g}, outside {low:g} to {high:g}: the torque constant or gear "
-            "ratio in the robot file is wrong, or the torques of two joints are swapped"
+            f"the gain of its torque is {gain:.3g}, outside {low:g} to {high:g}; either the torque constant "
+            "or gear ratio in the robot file is wrong, or the torques of two joints are swapped"
         )
     if std_err > MAX_REL_STD * gain:
         return (
-            f"the gain of its torque, {gain:.3g}, is known only to ± {200 * std_err / gain:.2g} % (95 %; "
-            f"at most {200 * MAX_REL_STD:g} % is plausible): check that the torque neither drifts nor "
-            "jumps, and that the URDF describes this arm"
+            f"the gain of its torque, {gain:.3g}, is known only to ± {200 * std_err / gain:.2g} % (95 % "
+            f"interval; at most {200 * MAX_REL_STD:g} % is plausible); check that the torque neither drifts "
+            "nor jumps, and that the URDF describes this arm"
         )
     return ""
 

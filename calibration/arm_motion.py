@@ -104,8 +104,8 @@ def joint_range(limits: Limits, margin_rad: float) -> tuple[FloatArray, FloatArr
         joint = int(np.argmax(low - high))
         raise InputError(
             f"joint {joint + 1}: limits.position_min_rad and position_max_rad are "
-            f"{high[joint] - low[joint] + 2 * margin_rad:.3g} rad apart; a calibration stays {margin_rad:g} "
-            "rad away from each: widen this range"
+            f"{high[joint] - low[joint] + 2 * margin_rad:.3g} rad apart, but a calibration stays "
+            f"{margin_rad:g} rad away from each; widen this range"
         )
     return low, high
 
@@ -125,7 +125,7 @@ def check_lift_path(body: RigidBody, start_rad: FloatArray, up_rad: FloatArray, 
     floor_m = lowest_m(body, [start_rad]) - MARGIN_M
     if not lowest_m(body, straight_path(start_rad, up_rad)) >= floor_m:
         raise InputError(
-            "on the way up from this pose, the arm would first sink below it: raise the arm by hand"
+            "on the way up from this pose, the arm would first sink below it; raise the arm by hand"
         )
     move = JointMove(start_rad, up_rad, travel_speed_rad_s(limits), ACCELERATION_RAD_S2)
     motions = (move.at(time_s) for time_s in np.linspace(0.0, move.duration_s, _MOVE_POSTURES))
@@ -272,7 +272,7 @@ def choose_path(
     joint = int(speed.argmin())
     if speed[joint] < _SLOWEST_RAD_S:
         raise InputError(
-            f"limits.velocity_rad_s of joint {joint + 1} is {limits.velocity_rad_s[joint]:g} rad/s: too slow "
+            f"limits.velocity_rad_s of joint {joint + 1} is {limits.velocity_rad_s[joint]:g} rad/s, too slow "
             f"to tell friction from weight; this motion needs {_SLOWEST_RAD_S / SHARE:g} rad/s or more"
         )
     center = highest_posture(body, low, high)
@@ -370,7 +370,7 @@ class FreeMotion:
         if self._touched_ticks >= _TOUCH_TICKS:
             raise SafetyTripError(
                 f"{difference_n:.1f} N on the tool: remove the obstacle. If there is none, remove any load "
-                "from the tool: its weight acts in a different direction when the tool turns"
+                "from the tool, because its weight acts in a different direction when the tool turns"
             )
         return self._torque.step(measurement, motion, self._no_contact, dt_s)
 

@@ -308,7 +308,7 @@ def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
     """
     check_references(plateaus.reference_n)
     if np.ptp(plateaus.reading) == 0.0:
-        raise InputError("the reading is the same under every force: the sensor does not respond")
+        raise InputError("the reading is the same under every force, so the sensor does not respond")
     is_used = ~_is_saturated(plateaus)
     given, plateaus = plateaus, plateaus.select(is_used)
     if not is_used.all():
@@ -331,7 +331,7 @@ def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
     values, errors, _ = _solve(plateaus, used)
     if not values[1] > 0.0:
         raise InputError(
-            f"the reading falls by {abs(1 / values[1]):.4g} per newton of reference: reverse the sign "
+            f"the reading falls by {abs(1 / values[1]):.4g} per newton of reference; reverse the sign "
             "of the sensor, for example with `reversed` in the section `force` of the robot file"
         )
     zero, scale, curvature, _, half, drift = np.where(used, values, full_values).tolist()
@@ -374,13 +374,14 @@ def implausible_force(fit: ForceFit) -> list[str]:
     if fit.rms_n > _MAX_REL_RESIDUAL * span_n:
         reasons.append(
             f"the residual is {fit.rms_n:.2g} N (rms), {100 * fit.rms_n / span_n:.2g} % of the range of "
-            f"{span_n:.3g} N (at most {100 * _MAX_REL_RESIDUAL:g} % is plausible): check that each reading "
-            "belongs to its reference, and that it had settled"
+            f"{span_n:.3g} N (at most {100 * _MAX_REL_RESIDUAL:g} % is plausible); check that each reading "
+            "belongs to its reference and had settled"
         )
     if scale.std_err > MAX_REL_STD * scale.value:
         reasons.append(
             f"the scale {scale.value:.3g} is known only to ± {200 * scale.std_err / scale.value:.2g} % "
-            f"(95 %; at most {200 * MAX_REL_STD:g} % is plausible): check the references, and use more"
+            f"(95 % interval; at most {200 * MAX_REL_STD:g} % is plausible); check the references, and "
+            "use more"
         )
     return reasons
 

@@ -204,8 +204,8 @@ def _from_document(document: YamlDocument) -> RobotFile:
         largest = robot_file.limits.torque_nm[joint] / _SLOWEST_RAD_S2
         if inertia > largest:
             problem = (
-                f"give 0 to {largest:g} kg m2: with a larger inertia, the torque limit takes over 1 s to "
-                "reach 1 rad/s"
+                f"give 0 to {largest:g} kg m2; with a larger inertia, the torque limit takes over 1 s to "
+                "accelerate the joint to 1 rad/s"
             )
             raise input_error(robot_file.document, ("rotor_inertia_kg_m2", joint), problem, inertia)
     limits = robot_file.limits

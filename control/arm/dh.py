@@ -124,8 +124,8 @@ def check_dh_table(robot_file: RobotFile, body: RigidBody) -> None:
         distance_m = float(np.linalg.norm(frame[:3, 3] - tip_m))
         difference = float(np.abs(frame[:3, :3] - rotation).max())
         if distance_m > _MAX_DISTANCE_M or difference > _MAX_ROTATION:
-            what = f"{distance_m * 1e3:.3g} mm from" if distance_m > _MAX_DISTANCE_M else "turned against"
+            what = f"{distance_m * 1e3:.3g} mm from" if distance_m > _MAX_DISTANCE_M else "at an angle to"
             raise InputError(
-                f"{path}: at joint positions {np.round(position_rad, 3).tolist()} rad it puts the tip {what} "
-                f"where the URDF puts '{robot_file.tip_frame}'; correct one of them"
+                f"{path}: at joint positions {np.round(position_rad, 3).tolist()} rad, it puts the tip "
+                f"{what} the URDF's '{robot_file.tip_frame}'; correct one of them"
             )

@@ -140,8 +140,8 @@ class PlanarArm:
         cosine = (distance_m**2 - first_m**2 - second_m**2) / (2.0 * first_m * second_m)
         if not abs(cosine) <= 1.0 + _ROUNDING:
             raise InputError(
-                f"target out of reach: with this tool direction its wrist is {distance_m:.4f} m from the "
-                f"shoulder, which reaches {abs(first_m - second_m):.4f} to {first_m + second_m:.4f} m"
+                f"target out of reach: with this tool direction, the wrist is {distance_m:.4f} m from the "
+                f"shoulder, but the arm reaches {abs(first_m - second_m):.4f} to {first_m + second_m:.4f} m"
             )
         bend = elbow * math.acos(clip(cosine, -1.0, 1.0))
         first = math.atan2(wrist_w, wrist_u) - math.atan2(

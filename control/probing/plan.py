@@ -78,7 +78,7 @@ class ProbingPlan(FileModel):
         if self.excitation and 2.0 * self.excitation.amplitude_n > 0.8 * self.force_limit_n:
             raise ValueError(
                 f"excitation.amplitude_n {self.excitation.amplitude_n} N would reduce the force to "
-                f"zero: at most {0.4 * self.force_limit_n:.3g} N for force_limit_n "
+                f"zero; use at most {0.4 * self.force_limit_n:.3g} N for force_limit_n "
                 f"{self.force_limit_n} N"
             )
         run_up_m = blend_distance_m(max(self.speeds_m_s), self.acceleration_m_s2)

@@ -132,7 +132,7 @@ def probing_sites(
                     f"{name} {speed_m_s:g} m/s: at target {number} joint {joint + 1} would move at "
                     f"{abs(motion.velocity_rad_s[joint]):.3g} rad/s, but the guard trips at "
                     f"{velocity_limits_rad_s[joint]:g} rad/s (limits.velocity_rad_s); "
-                    f"at most {speed_m_s / share[joint]:.2g} m/s"
+                    f"use at most {speed_m_s / share[joint]:.2g} m/s"
                 )
     return sites
 
@@ -152,7 +152,7 @@ def check_against_guard(plan: ProbingPlan, robot_file: RobotFile) -> None:
     if plan.force_limit_n > max_force_n:
         raise InputError(
             f"force_limit_n {plan.force_limit_n:g} N: the guard of '{robot_file.name}' trips at "
-            f"{limits.force_n:g} N (limits.force_n); at most {max_force_n:.3g} N"
+            f"{limits.force_n:g} N (limits.force_n); use at most {max_force_n:.3g} N"
         )
     trips_rad_s = min(limits.velocity_rad_s)
     max_speed_rad_s = trips_rad_s / _SPEED_MARGIN
@@ -163,5 +163,5 @@ def check_against_guard(plan: ProbingPlan, robot_file: RobotFile) -> None:
         if speed_rad_s > max_speed_rad_s:
             raise InputError(
                 f"{name} {speed_rad_s:g}: the guard of '{robot_file.name}' trips at "
-                f"{trips_rad_s:g} rad/s (limits.velocity_rad_s); at most {max_speed_rad_s:.3g} rad/s"
+                f"{trips_rad_s:g} rad/s (limits.velocity_rad_s); use at most {max_speed_rad_s:.3g} rad/s"
             )

@@ -32,8 +32,8 @@ class ForceMismatch:
         way = "softer" if self.share > 0.0 else "stiffer"
         depths = f"{1e3 * self.least_depth_m:.1f} to {1e3 * self.most_depth_m:.1f} mm"
         return (
-            f"from {depths} depth, the virtual object "
-            f"is {100.0 * abs(self.share):.0f} % {way} than the measurement ({self.rms_n:.2f} N rms)"
+            f"at depths of {depths}, the virtual object is {100.0 * abs(self.share):.0f} % {way} than the "
+            f"measured one (difference {self.rms_n:.2f} N rms)"
         )
 
 

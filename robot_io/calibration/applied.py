@@ -108,9 +108,9 @@ def _implausible_value(calibration: Calibration, limits: Limits) -> str | None:
         values, limit_n = calibration.values, limits.force_n
         scale = values.scale.value
         zero_n, most_n = abs(values.zero.value) * scale, _ZERO_SHARE * limit_n
-        under = f"under a force limit of {limit_n:g} N"
+        under = f"with a force limit of {limit_n:g} N"
         if zero_n > most_n:
-            return f"has a zero of {zero_n:.3g} N; {under}, at most {most_n:.3g} N is allowed"
+            return f"has a zero offset of {zero_n:.3g} N; {under}, at most {most_n:.3g} N is allowed"
         # With the most negative curvature that is allowed, this reading above zero is the force limit; the
         # curve falls below the limit again only at three times this reading.
         reading_at_limit = 2.0 * limit_n / (scale * (1.0 + _SLOPE_SHARE))
@@ -128,7 +128,7 @@ def _implausible_value(calibration: Calibration, limits: Limits) -> str | None:
                 most_nm = _OFFSET_SHARE * limit_nm
                 if abs(offset_nm) > most_nm:
                     return (
-                        f"has a {name} of {offset_nm:.3g} N m for joint {joint}; under a torque limit "
+                        f"has a {name} of {offset_nm:.3g} N m for joint {joint}; with a torque limit "
                         f"of {limit_nm:g} N m, at most {most_nm:.3g} N m is allowed"
                     )
     return None
@@ -274,9 +274,9 @@ def _reject_reason(
         ),
         (
             calibration.urdf_sha256 not in (None, urdf_sha256(robot_file)),
-            f"was made with a different URDF from the present '{robot_file.urdf}'; {remedy}",
+            f"was made with a URDF other than the present '{robot_file.urdf}'; {remedy}",
         ),
-        (unit != "N", f"is for readings in {unit}, and the robot's driver gives N; {remedy}, on the robot"),
+        (unit != "N", f"is for readings in {unit}, but the robot's driver gives N; {remedy}, on the robot"),
         (
             is_foreign_emulation,
             f"was made with emulated devices (--wire), not with the robot's own; {remedy}",
@@ -288,8 +288,8 @@ def _reject_reason(
         (now_utc >= until, f"expired on {until:%Y-%m-%d}; {remedy}"),
         (
             now_utc + _CLOCK_TOLERANCE < made,
-            f"was made on {made.astimezone(UTC):%Y-%m-%d at %H:%M} UTC, after now "
-            f"({now_utc.astimezone(UTC):%Y-%m-%d at %H:%M}): set the clock",
+            f"was made on {made.astimezone(UTC):%Y-%m-%d at %H:%M} UTC, later than now "
+            f"({now_utc.astimezone(UTC):%Y-%m-%d at %H:%M}); set the clock",
         ),
     )
     reason = next((text for holds, text in reasons if holds), None)

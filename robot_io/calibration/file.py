@@ -66,7 +66,8 @@ class Quantities(FileModel):
     def _check_lengths(self) -> "Quantities":
         if len(self.value) != len(self.std_err):
             raise ValueError(
-                f"has {len(self.value)} values, {len(self.std_err)} uncertainties; give one of each per joint"
+                f"has {len(self.value)} values but {len(self.std_err)} uncertainties; give one of each "
+                "per joint"
             )
         return self
 
@@ -222,7 +223,7 @@ class TorqueCalibration(Calibration):
         _expect_units(values, {"gain": "1", "offset": "N m", "command_offset": "N m"})
         _expect_range("gain", values.gain.value, *USABLE_GAINS)
         if not len(values.gain.value) == len(values.offset.value) == len(values.command_offset.value):
-            raise problem_at("values", "gain, offset and command_offset must have one value per joint each")
+            raise problem_at("values", "gain, offset and command_offset must each have one value per joint")
         return self
 
 

@@ -222,11 +222,13 @@ class MoteusBus(PolledMotorBus[MoteusState]):
         label = self.motor_label(joint)
         if state is None:
             return fail(label, "does not answer", "check its power, cable, id and bit rates")
-        value = f"mode {state.mode}, {state.supply_v:.1f} V, {state.temperature_c:.0f} °C, position known by "
-        value += _KNOWN_BY.get(state.home, "nothing")
+        value = (
+            f"mode {state.mode}, {state.supply_v:.1f} V, {state.temperature_c:.0f} °C, position reference: "
+        )
+        value += _KNOWN_BY.get(state.home, "none")
         if state.error:
             names = self._error_names(state.error)
-            return warn(label, f"{names}; {value}", "activation clears it; find its cause first")
+            return warn(label, f"{names}; {value}", "activation clears the fault; find its cause first")
         return ok(label, value)
 
     def tick_wire_s(self) -> float | None:

@@ -122,7 +122,7 @@ class NetFtStream(ReadingStream):
             is_beginning = record.sequence <= _BEGINNING and last.sequence > 2 * _BEGINNING
             if self._old >= (_OLD_BEGINNING if is_beginning else _OLD_RECORDS):
                 self.fault_text = (
-                    "the sensor's counter restarted, or it measures nothing new: has it restarted?"
+                    "the sensor's counter restarted, or its readings do not change; has it restarted?"
                 )
             return []
         self._old = 0
@@ -313,11 +313,11 @@ class NetFt(SerialForceSensor, Examinable):
         if not abs(newtons_per_count / stated - 1.0) <= _AGREE:
             raise self._error(
                 f"counts {configuration.counts_per_force:.10g} for 1 {configuration.unit}, but the "
-                f"robot file states {settings.counts_per_force:.10g} for 1 {settings.unit}: another "
+                f"robot file states {settings.counts_per_force:.10g} for 1 {settings.unit}, so another "
                 "configuration is active"
             )
         if not configuration.is_streaming:
-            raise self._error("RDT is disabled: enable it on its page 'Communications'")
+            raise self._error("RDT is disabled; enable it on the sensor's page 'Communications'")
         tries = range(_REQUESTS)  # a request may be lost
         if not any(self._bus.ask(START, lambda d: len(d) == RECORD_SIZE or None, _ANSWER_S) for _ in tries):
             raise self._error("sends no records; check rdt_port, firewall and other programs")
@@ -337,5 +337,5 @@ class NetFt(SerialForceSensor, Examinable):
             if value != before:
                 raise self._error(
                     f"its configuration has changed: '{name}' was '{before}' and is '{value}'; "
-                    "forces measured since may be wrong: restore it, and start again"
+                    "forces measured since then may be wrong; restore the setting, and start again"
                 )

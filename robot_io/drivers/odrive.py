@@ -156,11 +156,11 @@ class OdriveBus(MotorBus):
             for joint, count in enumerate(total):
                 stated_s, remedy = self._settings.heartbeat_s, f"set {self._rate_commands[0]}"
                 if count < _WINDOWS * _FEWEST_BEATS:
-                    problem = f"number of heartbeats in {seconds:.2g} s is {count}, too few for heartbeat_s"
-                    raise self._motor_error(joint, f"{problem}: {stated_s:g}; {remedy}")
+                    problem = f"sent {count} heartbeats in {seconds:.2g} s, too few for heartbeat_s"
+                    raise self._motor_error(joint, f"{problem} {stated_s:g}; {remedy}")
                 if _is_double(share[joint]):
                     problem = f"heartbeats come twice as often as stated (heartbeat_s: {stated_s:g})"
-                    raise self._two_axes(joint, f"{problem}; if it is one axis, {remedy}")
+                    raise self._two_axes(joint, f"{problem}; if only one axis has it, {remedy}")
         for joint, count in enumerate(self._answers):
             if count:
                 setting = odrive.VOLTAGE_PERIOD[self._settings.firmware]
@@ -309,7 +309,7 @@ class OdriveBus(MotorBus):
                 return
             joints = still_on()
         labels = ", ".join(map(self.motor_label, joints))
-        raise DeviceError(f"{self.line.label}: did not confirm that it is idle: {labels}")
+        raise DeviceError(f"{self.line.label}: idle state is not confirmed by {labels}")
 
     @property
     def _heartbeat_timeout_s(self) -> float:
@@ -538,8 +538,9 @@ class OdriveBus(MotorBus):
             return ""
         return (
             f"exerts {abs(self._short_nm[joint]):.2f} of {abs(self._sent_nm[joint]):.2f} N m at the motor; "
-            "check whether a setting limits torques; the velocity limiter is on by default: "
-            f"{odrive.ENABLE_VELOCITY_LIMIT} = False"
+            "check whether a setting limits torques; the velocity limiter is on by default; to switch it "
+            "off, "
+            f"set {odrive.ENABLE_VELOCITY_LIMIT} = False"
         )
 
     def _loss(self, beat: Heartbeat) -> str:

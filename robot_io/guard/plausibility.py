@@ -322,8 +322,9 @@ _LATE_S = 0.1  # largest delay of a reading
 _PAUSE_S = 0.1  # time without a command after which the next command counts as the first
 
 _DRIVE_REMEDY = (
-    "check its supply and connectors, and restart it; palpate doctor checks it; if it follows commands and "
-    "only reports its torque wrongly, raise limits.unresponsive_drive_s"
+    "check the drive's supply and connectors, and restart it; palpate doctor checks it; if it follows "
+    "commands "
+    "and only reports its torque wrongly, raise limits.unresponsive_drive_s"
 )
 
 
@@ -508,8 +509,8 @@ class UnresponsiveDrives:
             drive.count += 1
             if drive.count >= _DISOBEYED_SAMPLES and sampled_at_s - drive.obeyed_at_s >= self._time_s - 1e-9:
                 return Problem(
-                    f"joint {joint}: its drive exerts {measured_nm:.2f} N m where {drive.least_sent_nm:.2f} "
-                    "N m was sent: it may have restarted, or lost its mode",
+                    f"joint {joint}: its drive exerts {measured_nm:.2f} N m although "
+                    f"{drive.least_sent_nm:.2f} N m was sent; it may have restarted, or lost its mode",
                     _DRIVE_REMEDY,
                 )
         return None

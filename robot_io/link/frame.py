@@ -38,7 +38,7 @@ class FrameCode(NamedTuple):
 CHECKSUM = FrameCode(
     4,
     lambda frame: zlib.crc32(frame).to_bytes(4, "little"),
-    "its checksum does not match: it was damaged, or made with a key",
+    "its checksum does not match, so it was damaged, or made with a key",
 )
 
 

@@ -257,8 +257,8 @@ def open_memory(streams: Sequence[Stream], ring_slots: int) -> int:
     except OSError as error:
         os.close(memory)
         raise SessionError(
-            f"the log needs {size / 2**20:.1f} MiB of memory and cannot get it ({error.strerror}): "
-            "free some, or raise the limit on the size of files (ulimit -f)"
+            f"the log needs {size / 2**20:.1f} MiB of memory and cannot get it ({error.strerror}); "
+            "free some memory, or raise the limit on the size of files (ulimit -f)"
         ) from error
     return memory
 

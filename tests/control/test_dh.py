@@ -75,8 +75,8 @@ def test_documented_tables_are_those_of_their_arms(robot):
 @pytest.mark.parametrize(
     ("wrong", "right", "words"),
     [
-        ("a_m: 0.25", "a_m: 0.26", "10 mm from where the URDF puts 'tip'"),
-        (r"fixed, alpha_rad: -1\.57\d*", "fixed, alpha_rad: -1.5", "turned against"),
+        ("a_m: 0.25", "a_m: 0.26", "10 mm from the URDF's 'tip'"),
+        (r"fixed, alpha_rad: -1\.57\d*", "fixed, alpha_rad: -1.5", "at an angle to"),
         (r"name: wrist, type: revolute", "name: wrist, type: fixed", "has 2 joints, but the URDF has 3"),
         ("a_m: 0.25", "a_mm: 250", "is not known"),
     ],

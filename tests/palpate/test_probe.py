@@ -199,7 +199,7 @@ def test_stopped_run_states_whether_contact_occurred(tmp_path, log_in_process, p
 PLANS = {
     "targets_world_m: [[4, 0, 0.05]]": "out of reach",
     "search_depth_m: 1.0e-6": "search_depth_m 1e-06 m is too short",
-    "force_limit_n: 60": "(limits.force_n); at most 54.5 N",
+    "force_limit_n: 60": "(limits.force_n); use at most 54.5 N",
     "hold_s: 1.0e+7": "plan fewer runs",
     "speeds_m_s: [1.0e-9]": "plan fewer runs",
     "repeats: true": "repeats",

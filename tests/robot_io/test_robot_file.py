@@ -79,7 +79,7 @@ def test_driver_settings_are_passed_on_unread_and_the_file_is_immutable():
         ({"position_min_rad": "[-2.6, 2.6, -2.6]"}, "limits: position_min_rad 2.6 is not below"),
         (
             {"home_rad": "[-1, 1, 1]\nrotor_inertia_kg_m2: [0.1, 300, 0.1]"},
-            "rotor_inertia_kg_m2 entry 2: give 0 to 15 kg m2: with a larger inertia, the torque limit",
+            "rotor_inertia_kg_m2 entry 2: give 0 to 15 kg m2; with a larger inertia, the torque limit",
         ),
         ({"force_n": None}, " line 12, limits.force_n: is missing"),
         ({"safe_state": "{damping_nms_rad: [1, 1], stop_time_s: 1}"}, "safe_state.damping_nms_rad: has 2"),

@@ -34,7 +34,7 @@ LONG, SHORT, EMPTY = (
             *(ROBSTRIDE, 3, "at .* set, read back and tested at act", "nau7802, 320 samples/s"),
             3 * 2 * (LONG + 20e-6),
         ),
-        (MOTEUS, 3, "mode 0, 24.0 V, 31 °C, position known by the output", "nau7802, 320", 3 * 200.4e-6),
+        (MOTEUS, 3, "mode 0, 24.0 V, 31 °C, position reference: the output", "nau7802, 320", 3 * 200.4e-6),
         (
             SO101,
             5,
@@ -161,7 +161,7 @@ def test_servos_with_other_ids_are_detected(make_robot, spoil, subject, level, s
         (CUBEMARS, "watchdog_s: 0.1", "watchdog_s: 0.1\n    host_id: 3", "host_id 3 is already in use"),
         (DAMIAO, "watchdog_s: 0.1", "watchdog_s: 0.1\n    host_id: 0", "host_id"),
         (DAMIAO, "motor_id: 1,", "motor_id: 1, answer_id: 2,", "answer_id 2 is already in use"),
-        (DAMIAO, "motor_id: 1,", "motor_id: 1, answer_id: 18,", "18 is .* two motors"),
+        (DAMIAO, "motor_id: 1,", "motor_id: 1, answer_id: 18,", "18 is .* for another motor"),
         (DAMIAO, "motor_id: 1,", "motor_id: 16,", "'damiao' is 15"),
         (MOTEUS, "motor_id: 2", "motor_id: 1", "not all different"),
         (MOTEUS, "watchdog_s: 0.1", "watchdog_s: 0.1\n    host_id: 3", "host_id 3 are not all different"),

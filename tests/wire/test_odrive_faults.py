@@ -218,7 +218,7 @@ def test_unconfirmed_torque_off_is_an_error(make_robot):
     arm = make_robot().start()
     arm.inject_fault("motors", FaultKind.DROP, device=1)
     arm.ticks(2, PUSH_NM)
-    with pytest.raises(DeviceError, match=r"did not confirm that it is idle: joint 2 \(node 1\)"):
+    with pytest.raises(DeviceError, match=r"idle state is not confirmed by joint 2 \(node 1\)"):
         arm.robot.deactivate()
     assert not arm.drive_torque_nm.any()  # they were told all the same
 
@@ -264,7 +264,7 @@ def test_old_heartbeat_confirms_nothing(make_robot):
     arm = make_robot()
     arm.robot.configure()
     arm.inject_fault("motors", FaultKind.DROP, device=0)
-    with pytest.raises(DeviceError, match=r"did not confirm that it is idle: joint 1 \(node 0\)"):
+    with pytest.raises(DeviceError, match=r"idle state is not confirmed by joint 1 \(node 0\)"):
         arm.robot.deactivate()
 
 

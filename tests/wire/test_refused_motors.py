@@ -231,5 +231,5 @@ def test_arm_moved_while_it_is_configured_is_not_blamed_on_its_ranges(make_robot
         return shown
 
     bus._register = ask_a_moving_motor
-    with pytest.raises(DeviceError, match="it moves: hold the arm still") if refused else nullcontext():
+    with pytest.raises(DeviceError, match="it moves, so hold the arm still") if refused else nullcontext():
         arm.robot.configure()

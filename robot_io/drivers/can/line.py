@@ -443,7 +443,9 @@ class PortLock:
                     lock.close()
                     if error.errno != errno.EADDRINUSE:
                         raise
-                    raise DeviceError("in use by another program, whose motors could lose torque") from error
+                    raise DeviceError(
+                        "in use by another program; sharing it could cut that program's torque"
+                    ) from error
             self._shared[name], self._name = (lock, users + 1), name
 
     def release(self) -> None:

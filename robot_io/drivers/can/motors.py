@@ -541,7 +541,9 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
             if (error := self._error(joint)) not in (0, but)
         ]
         if problems:
-            raise DeviceError(f"{self.line.label}: {'; '.join(problems)}: remove the cause, then restart it")
+            raise DeviceError(
+                f"{self.line.label}: {'; '.join(problems)}; remove the cause, then restart the motor"
+            )
 
     def _wait_for_watchdogs(self) -> None:
         """Send nothing for longer than the motors' watchdog time; then no earlier answers are left."""

@@ -263,4 +263,5 @@ class DynamixelLine(ServoLine):
 
     @property
     def unreachable_note(self) -> str:
-        return f"its watchdog switches it off {self._settings.watchdog_s:g} s after the last command"
+        after = f"{self._settings.watchdog_s:g} s after the last command"
+        return f"the watchdog of each servo switches it off {after}"

@@ -107,13 +107,13 @@ class PlausibilityFilter:
                 name, value, expected = changed[0]
                 fault = f"servo {servo_id}: {name} is {value} instead of {expected}"
                 if len(changed) == 1 and (name, value, on) == ("torque limit", tables.RESTARTED_LIMIT, 0):
-                    raise DeviceError(f"{fault}: it has restarted")
-                raise ProtocolError(f"{fault}: damaged, or it has restarted")
+                    raise DeviceError(f"{fault}; it has restarted")
+                raise ProtocolError(f"{fault}; its answer is damaged, or it has restarted")
             position = tables.PRESENT_POSITION.signed_value(position)
             values += on, goal, position, speed, load, errors
         feedback = _make_feedback(values)
         if problem := self.problem(feedback):
-            raise ProtocolError(f"{problem}: its answer is damaged")
+            raise ProtocolError(f"{problem}; its answer is damaged")
         return feedback
 
     def problem(self, feedback: FeetechFeedback) -> str | None:

@@ -67,7 +67,7 @@ class FeetechLine(ServoLine):
     ping_size = protocol.ID_SIZE
     ping_all_s = 0.8  # 3 ms for each id: huggingface/lerobot, which finds servos in this way
     _settings: FeetechSettings
-    unreachable_note = "it has no watchdog and holds its last goal: switch its supply off"
+    unreachable_note = "the servos have no watchdog and hold their last goals; switch their supply off"
 
     def __init__(
         self, settings: FeetechSettings, torque_limits: Mapping[int, int], port: SerialPort, clock: Clock

@@ -84,7 +84,7 @@ class MitBus(PolledMotorBus[MitState]):
                         ("limits", key, joint),
                         f"{self.motor_label(joint)} reports {motor.zero_rad - half_rad:.2f} to "
                         f"{motor.zero_rad + half_rad:.2f} rad, and a stop takes up to {stop_rad:.2f} rad "
-                        f"more: write at {most} {valid_rad:.2f}, lower velocity_rad_s or "
+                        f"more; write at {most} {valid_rad:.2f}, or lower velocity_rad_s or "
                         "safe_state.stop_time_s, or change the motor's zero_rad or gear_ratio",
                         limit_rad,
                     )
@@ -139,7 +139,7 @@ class MitBus(PolledMotorBus[MitState]):
             warnings = self._warnings[joint]
             return f"warns: {self._error_names(warnings)}" if warnings else ""
         end_rad = self._ranges[joint].position_rad
-        return f"was at the end of its range of {end_rad:.2f} rad: turn it back, then start again"
+        return f"was at the end of its range of {end_rad:.2f} rad; turn it back, then start again"
 
     def _error_names(self, error: int) -> str:
         return self._dialect.error_names(error)
@@ -201,7 +201,7 @@ class MitBus(PolledMotorBus[MitState]):
                     )
                     remedy = "turn it back into the range of its messages, or correct its 'ranges'"
                     if high_rad - low_rad > _SAME_POSITION_RAD:
-                        remedy = "it moves: hold the arm still, and start again"
+                        remedy = "it moves, so hold the arm still, and start again"
                     raise self._motor_error(joint, f"{problem} {stated_rad:.3f}: {remedy}")
 
     def _ask_again(self) -> None:

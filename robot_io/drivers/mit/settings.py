@@ -228,7 +228,7 @@ class MitBusSettings(CanLineSettings):
         if self.ask_with == "enter" and self.dialect.activation_registers:
             raise ValueError(f"ask_with 'enter' is not allowed: it would power motors of '{self.maker}'")
         if self.dialect.has_answer_ids and self.host_id is not None:
-            raise ValueError("host_id: Damiao motors have an 'answer_id' each instead")
+            raise ValueError("host_id: Damiao motors each have an 'answer_id' instead")
         if not self.dialect.has_answer_ids and any(motor.answer_id is not None for motor in self.motors):
             raise ValueError(
                 f"motors: only Damiao motors have an 'answer_id'; give '{self.maker}' one 'host_id' for all"
@@ -240,7 +240,7 @@ class MitBusSettings(CanLineSettings):
         if twice:
             name = "answer_id" if has_own else "host_id"
             raise ValueError(
-                f"{name} {twice[0]} is already in use, as a motor's id or for answers of two motors: "
+                f"{name} {twice[0]} is already in use as a motor's id or for another motor's answers; "
                 "choose a free one"
             )
         models = self.dialect.models

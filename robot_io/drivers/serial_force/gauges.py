@@ -59,7 +59,7 @@ def compile_pattern(pattern: str) -> re.Pattern[str]:
     if "value" not in compiled.groupindex:
         raise InputError(f"pattern '{pattern}': has no group (?P<value>...)")
     if _REPEATED_GROUP.search(pattern):
-        raise InputError(f"pattern '{pattern}': matching a repeated group may never end")
+        raise InputError(f"pattern '{pattern}': repeats a group, and matching it may never end")
     for halvings in range(6, -1, -1):  # short first: a line may take hours
         length = MAX_LINE >> halvings
         for text in _NOISE:
@@ -67,7 +67,7 @@ def compile_pattern(pattern: str) -> re.Pattern[str]:
             match_s = min(repeat(match, number=1, repeat=3))
             if match_s > _SLOWEST_MATCH_S:
                 raise InputError(
-                    f"pattern '{pattern}': a line of {length} characters, '{text * 3}...', takes "
+                    f"pattern '{pattern}': matching a line of {length} characters, '{text * 3}...', takes "
                     f"{1e3 * match_s:.0f} ms; use fewer parts with * or + that can match the same characters"
                 )
     return compiled

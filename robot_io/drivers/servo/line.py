@@ -348,7 +348,11 @@ def examine_line(
             findings.append(fail(label, "answers twice", TWO_SERVOS))
         elif servo_id in damaged:
             findings.append(
-                fail(label, "its answers are damaged", f"check cable and ground; or {TWO_SERVOS}")
+                fail(
+                    label,
+                    "its answers are damaged",
+                    f"check cable and ground; if they are right, {TWO_SERVOS}",
+                )
             )
         elif not answers[servo_id]:
             remedy = "check its cable and power, or set its id"

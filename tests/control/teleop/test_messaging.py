@@ -193,7 +193,7 @@ def test_harder_place_is_reported_with_depth_and_size():
     pressed(monitor, "hard", 1000.0, 500.0)
     (misfit,) = monitor.mismatches()
     assert misfit.place == "hard"
-    assert misfit.summary().startswith("from 2.0 to 12.0 mm depth, the virtual object is")
+    assert misfit.summary().startswith("at depths of 2.0 to 12.0 mm, the virtual object is")
     assert 40.0 < 100.0 * misfit.share < 60.0
     assert "softer" in misfit.summary()
 

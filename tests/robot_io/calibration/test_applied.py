@@ -77,7 +77,7 @@ def test_robot_file_is_never_built_without_its_calibrations(tmp_path):
         ("force", {"robot": "other"}, ("'other'", "this is")),
         ("force", {"device": {"driver": "loadstar", "capacity_n": 100.0}}, ("loadstar", "mock_force")),
         ("force", {"reading_unit": "count"}, ("count",)),
-        ("torque", {"urdf_sha256": "1" * 64}, ("a different URDF", "palpate calibrate torque")),
+        ("torque", {"urdf_sha256": "1" * 64}, ("a URDF other than", "palpate calibrate torque")),
     ],
 )
 def test_foreign_calibration_is_refused(tmp_path, kind, change, words):
@@ -129,7 +129,11 @@ def torque_values(**changes):
 @pytest.mark.parametrize(
     ("kind", "values", "words"),
     [
-        ("force", VALUES["force"] | {"zero": quantity(1e6, "N")}, "has a zero of 8e.05 N; .* at most 15 N"),
+        (
+            "force",
+            VALUES["force"] | {"zero": quantity(1e6, "N")},
+            "has a zero offset of 8e.05 N; .* at most 15 N",
+        ),
         ("force", VALUES["force"] | {"curvature": quantity(-0.02, "N/N^2")}, "curvature .* 0.004 N/N"),
         ("torque", torque_values(command_offset=[0.0, -500.0, 0.0]), "command_offset of -500 N m"),
         ("torque", torque_values(offset=[0.0, 0.0, 99.0]), "offset of 99 N m for joint 3; .* at most"),

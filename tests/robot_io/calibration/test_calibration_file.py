@@ -44,7 +44,7 @@ def changed(robot, kind, change):
         ("force", lambda d: d.update(palpate_calibration=2), ("palpate_calibration",)),
         ("force", lambda d: d["raw_data"].update(sha256="x"), ("raw_data.sha256",)),
         ("encoder", lambda d: d["values"]["offset"].update(value=[4.0, 0, 0]), ("values.offset", "4")),
-        ("encoder", lambda d: d["values"]["offset"].update(std_err=[0.1]), ("offset", "3 values, 1")),
+        ("encoder", lambda d: d["values"]["offset"].update(std_err=[0.1]), ("offset", "3 values but 1")),
         (
             "torque",
             lambda d: d["values"]["gain"].update(value=[1, 0.0, 1]),

@@ -218,7 +218,9 @@ def test_switching_off_works_on_a_bad_line(active):
 
 def test_unconfirmed_switch_off_is_an_error_with_consequences(active):
     active.inject_fault("motors", FaultKind.DROP, device=2)
-    with pytest.raises(DeviceError, match=r"may still be on: servo 2.*watchdog switches it off 0.06 s"):
+    with pytest.raises(
+        DeviceError, match=r"may still be on: servo 2.*watchdog of each servo switches it off 0.06 s"
+    ):
         active.robot.deactivate()
 
 

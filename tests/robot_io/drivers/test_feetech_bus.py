@@ -188,7 +188,7 @@ def test_restart_between_two_readings_is_detected(arm):
     arm.tick(None)
     arm.servos[2].reboot(arm.clock.now_s(), 0.0)
     assert arm.tick(None).encoder_status is Status.FAULT
-    assert "servo 2: torque limit is 1000 instead of 999: it has restarted" in arm.problem
+    assert "servo 2: torque limit is 1000 instead of 999; it has restarted" in arm.problem
 
 
 @pytest.mark.parametrize(("moved", "jumps"), [(26, False), (27, True)])

@@ -220,7 +220,7 @@ def test_restarted_drive_is_named_in_time(wear, at, side):
     )
     assert at < tick <= at + 12  # the limit of 10 ms, and two ticks
     assert said.startswith("joint 1: its drive exerts ")
-    assert said.endswith("N m was sent: it may have restarted, or lost its mode")
+    assert said.endswith("N m was sent; it may have restarted, or lost its mode")
 
 
 NAMED = {  # changed limits, what is shown, what is sent, ticks a sample; the first and last tick that may be
@@ -301,7 +301,7 @@ def test_unresponsive_drive_is_named_once_certain(case):
 def test_report_states_sent_and_exerted_torque(sent_nm):
     waves = lambda k: sent_nm * (1.1 if k % 90 < 45 else 1.0)  # noqa: E731
     _, said = ticks_until_named(UnresponsiveDrives(LIMITS), deaf(300, noise=1e-4), waves)
-    assert f"0.00 N m where {sent_nm:.2f} N m was sent" in said
+    assert f"0.00 N m although {sent_nm:.2f} N m was sent" in said
 
 
 @pytest.mark.parametrize(

@@ -269,7 +269,7 @@ def test_sensor_that_repeats_its_measurement_is_silent_and_named(arm):
     assert arm.ticks(20, None).force_at_s <= before.force_at_s + 1.3e-3
     assert "no reading for" in arm.problem
     arm.ticks(60, None)
-    assert "measures nothing new" in arm.problem
+    assert "its readings do not change" in arm.problem
 
 
 def test_error_of_one_record_between_two_polls_is_a_fault(arm):

@@ -261,7 +261,7 @@ _MOTOR_ROWS = {
         (*_FEETECH_OLD, "servo 4 did not answer in time", LAST_SEEN),
         (2, BRAKED + 2, "servo 4 (joint 3): error: overload"),
         (*_FEETECH_OLD, "servo 4 did not answer in time", LAST_SEEN),
-        (2, BRAKED, "servo 4: torque limit is 1000 instead of 999: it has restarted"),
+        (2, BRAKED, "servo 4: torque limit is 1000 instead of 999; it has restarted"),
         (2, None, "the port has failed", HOLDS),
         (103, BRAKED + 400, "encoder of joint 1: stuck at", _SLOWLY, _FROZEN_ENCODER),
     ),
