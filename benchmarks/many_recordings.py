@@ -17,13 +17,10 @@ from typing import Any
 
 import numpy as np
 from harness import arguments, run_palpate
-from threadpoolctl import threadpool_limits
 
 import palpate
 from palpate.batches import run as batch_run
-from palpate.batches.tasks.measuring import measure
 from palpate.batches.trend import Series, find_changes
-from palpate.estimation.data.import_options import NO_OPTIONS
 from palpate.sweep import Case, Cluster, ResultStore
 from palpate.sweep.runner import Progress, SweepReport
 
@@ -46,31 +43,16 @@ def presses(folder: Path, number: int, samples: int = 5000) -> Path:
 
 
 def speed(folder: Path, number: int) -> None:
-    """Compare a batch with one worker to the same work in this process, and time it with two workers."""
-    data, single = presses(folder / "data", number), presses(folder / "single", 1)
-    plain = {"model": None, "add": [], "urdf": None, "tip_frame": None, "effects": []}
-    plain["read"] = NO_OPTIONS.stated()
+    """Time a batch with one and with two workers."""
+    data = presses(folder / "data", number)
     for name, options in (("estimate and compare", ()), ("with diagnosis", ("--diagnose",))):
-        asked = {"where": {}, "options": plain | {"diagnose": bool(options)}}
-        with threadpool_limits(1):
-            measure([data / "r0.csv"], asked)  # loads the libraries
-            begun_s = time.process_time()
-            for file in data.iterdir():
-                measure([file], asked)
-            alone_s = time.process_time() - begun_s
-        empty, used, two = (
-            run_palpate("batch", of, "--out", folder / f"{name} {out}", *workers, *options)
-            for of, out, workers in (
-                (single, "of one", ()),
-                (data, "by one", ("--workers", 1)),
-                (data, "by two", ("--workers", 2)),
-            )
+        one, two = (
+            run_palpate("batch", data, "--out", folder / f"{name} {workers}", "--workers", workers, *options)
+            for workers in (1, 2)
         )
-        ratio = (used.processor_s - empty.processor_s) / (alone_s * (number - 1) / number)
         print(
-            f"{name}: {number} recordings by two workers {two.wall_s:.1f} s, by one {used.wall_s:.1f} s "
-            f"({used.wall_s / two.wall_s:.2f} times); processor time over that of the work alone "
-            f"({alone_s / number:.2f} s each) {ratio - 1:+.1%}, beside {empty.processor_s:.1f} s for one"
+            f"{name}: {number} recordings by two workers {two.wall_s:.1f} s, by one {one.wall_s:.1f} s "
+            f"({one.wall_s / two.wall_s:.2f} times)"
         )
 
 
@@ -79,11 +61,9 @@ def write_rows(folder: Path, addresses: Sequence[str]) -> None:
     store, rng = ResultStore(folder), np.random.default_rng(int(addresses[0][:8], 16))
     row: dict[str, Any] = {"channel": "contact", "model": "kelvin_voigt", "verdict": "", "warnings": ""}
     row |= {"times_noise": 1.0, "seconds": 0.1, "error": "", "seed": 0, "first": True}
+    names = [f"effect.p{item}{end} [N]" for item in range(10) for end in ("", " low", " high", " std_err")]
     for address in addresses:
-        for item in range(10):
-            for end in ("", " low", " high", " std_err"):
-                row[f"effect.p{item}{end} [N]"] = float(rng.normal(5.0, 0.1))
-        store.write(address, [row])
+        store.write(address, [row | {name: float(rng.normal(5.0, 0.1)) for name in names}])
 
 
 def memory(folder: Path, rows: int) -> None:

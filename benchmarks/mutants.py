@@ -18,7 +18,6 @@ from itertools import accumulate
 from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
 
 from harness import ROOT, arguments
 
@@ -43,30 +42,14 @@ _COMPUTED = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/"} | dict.fromkeys(
 )
 
 
-class Mutant(NamedTuple):
-    """One change: the file, the replaced bytes, and the new text."""
-
-    area: str
-    file: Path
-    line: int
-    start: int
-    end: int
-    new: str
-
-
-def mutants_of(area: str, file: Path) -> Iterator[Mutant]:
-    """Yield all mutants of a file."""
-    source = file.read_bytes()
+def mutated(source: bytes, node: ast.AST, new: str) -> bytes:
+    """Return the source with a node replaced."""
     begins = [0, *accumulate(map(len, source.splitlines(keepends=True)))]
-    for node, new in _changes(ast.parse(source)):
-        start, end = (
-            begins[node.lineno - 1] + node.col_offset,
-            begins[node.end_lineno - 1] + node.end_col_offset,
-        )
-        yield Mutant(area, file, node.lineno, start, end, new)
+    start, end = begins[node.lineno - 1] + node.col_offset, begins[node.end_lineno - 1] + node.end_col_offset
+    return source[:start] + new.encode() + source[end:]
 
 
-def _changes(tree: ast.AST) -> Iterator[tuple[ast.AST, str]]:
+def changes(tree: ast.AST) -> Iterator[tuple[ast.AST, str]]:
     """Yield nodes with the text that replaces them in a mutant.
 
     Changes that no test of a correct program can detect are omitted: types and what guards them (`frozen`,
@@ -81,7 +64,7 @@ def _changes(tree: ast.AST) -> Iterator[tuple[ast.AST, str]]:
             continue
         if new := _changed(node):
             yield node, new
-        yield from _changes(node)
+        yield from changes(node)
 
 
 def _changed(node: ast.AST) -> str:
@@ -140,28 +123,29 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", default=",".join(AREAS))
     options = parser.parse_args()
-    random, areas, drawn, most_s = Random(options.seed), options.only.split(","), list[Mutant](), {}
+    random, areas, drawn, most_s = Random(options.seed), options.only.split(","), [], {}
     noticed: dict[str, list[bool]] = defaultdict(list)
     with TemporaryDirectory() as folder:
         tree = Path(folder).resolve()
         subprocess.run(["git", "checkout-index", "--all", f"--prefix={tree}/"], cwd=ROOT, check=True)
         for area in areas:
             files = sorted((tree / area).rglob("*.py"))
-            every = [mutant for file in files for mutant in mutants_of(area, file)]
+            every = [
+                (area, file, *change) for file in files for change in changes(ast.parse(file.read_bytes()))
+            ]
             drawn += random.sample(every, options.count // len(areas))
             started = time.perf_counter()
             if failed := failing_test(tree, tests_of(tree, area, files[0])):
                 raise SystemExit(f"{area}: the tests fail as it is: {failed}")
             most_s[area] = LONGER * (time.perf_counter() - started) + MARGIN_S
-        for mutant in random.sample(drawn, len(drawn)):
-            source = mutant.file.read_bytes()
-            mutant.file.write_bytes(source[: mutant.start] + mutant.new.encode() + source[mutant.end :])
-            by = failing_test(tree, tests_of(tree, mutant.area, mutant.file), most_s[mutant.area])
-            mutant.file.write_bytes(source)
-            noticed[mutant.area].append(bool(by))
-            old = " ".join(source[mutant.start : mutant.end].decode().split())
-            place = f"{mutant.file.relative_to(tree)}:{mutant.line}"
-            print(f"{'noticed' if by else 'MISSED '} {place}: {old} -> {mutant.new}  {by}", flush=True)
+        for area, file, node, new in random.sample(drawn, len(drawn)):
+            source = file.read_bytes()
+            file.write_bytes(mutated(source, node, new))
+            by = failing_test(tree, tests_of(tree, area, file), most_s[area])
+            file.write_bytes(source)
+            noticed[area].append(bool(by))
+            change = f"{file.relative_to(tree)}:{node.lineno}: {ast.unparse(node)} -> {new}"
+            print("noticed" if by else "MISSED ", " ".join(change.split()), by, flush=True)
     for area, results in noticed.items():
         print(f"{area}: {sum(results)} of {len(results)}")
     share = sum(map(sum, noticed.values())) / len(drawn)

@@ -9,19 +9,10 @@ undecided in the channel of the effect: the answer is a group of effects, or the
 each case is resolved in that channel with at most three more probes (`--probes`).
 
 Separated: the hidden effect, and nothing else, is named. Wrong: one other explanation is named.
-
-    python benchmarks/resolve.py --check FILE
-
-checks each case in FILE that ended with "inseparable". All experiments that the arm can do are run in the
-world in which the effect is hidden, and the remaining laws are fitted to all data together. They are
-inseparable if none leaves 5 % more error than another, and if the hidden effect is one of them.
 """
 
 import json
-import math
 from collections.abc import Sequence
-from dataclasses import replace
-from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -31,10 +22,8 @@ from harness import arguments, json_lines, parallel
 from threadpoolctl import threadpool_limits
 
 from palpate.control.probing.plan import ProbingPlan
-from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.diagnosis import ChannelDiagnosis
 from palpate.estimation.study.other_models import is_undecided
-from palpate.planning.next_probe import feasible
 from palpate.robot_io.errors import PalpateError
 from palpate.runs.probing import ProbingJob, run_probing
 from palpate.runs.robots import DEFAULT, find_robot
@@ -92,26 +81,6 @@ def resolve_case(probes: int, case: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def is_inseparable(done: dict[str, Any]) -> bool:
-    """Return whether all experiments together leave the same laws, and the hidden effect is one of them."""
-    left = _by_estimators_names(done["left"])
-    if not left or not all(done["hidden"]["effect"] in group for group in left):
-        return False
-    with TemporaryDirectory() as folder, threadpool_limits(1):
-        job = _job(done, Path(folder) / "sessions" / "probe-00.mcap")
-        run_probing(job).raise_for_failure()
-        for number, (candidate, _) in enumerate(feasible(Study(job.session, keep=False)), 1):
-            session = job.session.with_name(f"probe-{number:02d}.mcap")
-            run_probing(replace(job, session=session, plan=candidate.plan, again=number)).raise_for_failure()
-        study = Study(job.session.parent, keep=False)
-        channel = study.channel(done["channel"])
-        parts = {effect.name: effect.parts for effect in study.effects}
-        laws = {frozenset(law) for law in product(*done["left"])}
-        laws = {law.difference(*(parts[name] for name in law)) for law in laws}
-        errors = [study.fit(channel, sorted(law)).solution.held_out for law in laws]
-        return 1.0 - math.sqrt(min(errors) / max(errors)) <= SMALL
-
-
 def _job(case: dict[str, Any], session: Path) -> ProbingJob:
     scenario = Scenario().with_hidden([parse_imperfection(case["hidden"])])
     return ProbingJob(find_robot(DEFAULT), session, SHORT, scenario=scenario, seed=case["seed"], online=None)
@@ -141,7 +110,6 @@ def main() -> None:
     """Find cases, or resolve them."""
     parser = arguments(__doc__)
     parser.add_argument("--cases", type=Path, help="JSON lines, case a case")
-    parser.add_argument("--check", type=Path, help="a file that --out wrote")
     parser.add_argument("--find", type=int, help="hide so many effects, and write what stays undecided")
     parser.add_argument("--seed", type=int, default=0, help="first seed of --find")
     parser.add_argument("--first", type=int, help="only so many cases")
@@ -149,11 +117,6 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="JSON lines, case a case")
     parser.add_argument("--processes", type=int, default=2)
     options = parser.parse_args()
-    if options.check:
-        for done in map(json.loads, options.check.read_text(encoding="utf-8").splitlines()):
-            if done["end"] == StopReason.INSEPARABLE:
-                print(done["hidden"], done["left"], is_inseparable(done), sep=" | ", flush=True)
-        return
     if options.find:
         shown = set(noise_scale(Scenario()).channels)
         names = [name for name, kind in IMPERFECTIONS.items() if shown & set(kind.shows_in)]

@@ -10,6 +10,7 @@ summary so far.
 """
 
 import gc
+import itertools
 import sys
 import time
 from collections import Counter, deque
@@ -140,8 +141,8 @@ def probe(name: str, rng: np.random.Generator, tally: Tally) -> None:
         outcome, cause = "refused", str(error)
     finally:
         arm.emulator.close()
-    planned_faults = (fault for some in planned.values() for fault in some)
-    injected = [fault.kind.value for fault in planned_faults if begun_s + fault.from_s < clock.now_s()]
+    every = itertools.chain(*planned.values())
+    injected = [fault.kind.value for fault in every if begun_s + fault.from_s < clock.now_s()]
     tally.simulated_s += clock.now_s() - begun_s
     tally.runs[outcome] += 1
     tally.injected.update(injected)
@@ -167,23 +168,21 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--robot", choices=known, help="this one only")
     options = parser.parse_args()
-    names = [options.robot] if options.robot else known
+    names = itertools.cycle([options.robot] if options.robot else known)
     rng, tally = np.random.default_rng(options.seed), Tally()
-    limit_s, told_s, memory_mb, started_s = 3600.0 * options.hours, 0.0, [], time.perf_counter()
-    number = 0
+    limit_s, memory_mb, started_s = 3600.0 * options.hours, [], time.perf_counter()
     with suppress(KeyboardInterrupt):  # the summary is then of the time so far
         while tally.simulated_s < limit_s:
             known_trouble = len(tally.trouble)
-            probe(names[number % len(names)], rng, tally)
-            number += 1
+            probe(next(names), rng, tally)
             print("".join(f"{line}\n" for line in tally.trouble[known_trouble:]), end="", flush=True)
-            if tally.simulated_s - told_s > limit_s / 20.0:
-                told_s = tally.simulated_s
+            if tally.simulated_s > len(memory_mb) * limit_s / 20.0:
                 memory_mb.append(resident_mb())
-                print(f"{told_s / 3600:.2f} h, {dict(tally.runs)}, {memory_mb[-1]:.0f} MB", flush=True)
+                hours = tally.simulated_s / 3600.0
+                print(f"{hours:.2f} h, {dict(tally.runs)}, {memory_mb[-1]:.0f} MB", flush=True)
     steady = memory_mb[2:] or memory_mb or [resident_mb()]
     print(
-        f"{tally.simulated_s / 3600:.2f} h in {number} runs: {dict(tally.runs)}; faults begun: "
+        f"{tally.simulated_s / 3600:.2f} h in {tally.runs.total()} runs: {dict(tally.runs)}; faults begun: "
         f"{dict(tally.injected)}; {tally.checked} values served as OK were checked; "
         f"{tally.simulated_s / (time.perf_counter() - started_s):.1f} times real time"
     )

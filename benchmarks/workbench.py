@@ -3,8 +3,8 @@
     python benchmarks/workbench.py [--session FILE] [--ticks 1000] [--chromium PATH]
 
 Without --session, a simulated arm with three joints first probes for a minute at 1 kHz. A tick ends when the
-error in held-out runs and the curves have changed in the browser, at its next frame. Some ticked effects were
-fitted ahead by the page, as after a few seconds of looking; others are ticked at once.
+error in held-out runs and the curves have changed in the browser, at its next frame. The effects are ticked
+at once; after a few seconds of looking, the page would have fitted some ahead.
 """
 
 import os
@@ -19,18 +19,13 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import psutil  # type: ignore[import-untyped]
 from harness import PALPATE, arguments, run_palpate
-from playwright.sync_api import Page, TimeoutError, sync_playwright
+from playwright.sync_api import Page, sync_playwright
 
 from palpate.robot_io.types import FloatArray
 
 MOST_S = 120.0
-PATIENCE_MS = 20_000.0  # time for each effect to be fitted ahead
 MINUTE = ("--hidden", "cubic_stiffness", "--seed", 3, "--repeats", 9)  # of a press with a hidden effect
-EFFECTS = (
-    *("cubic_stiffness", "stress_relaxation", "plastic_set", "adhesion", "drift", "quadratic_damping"),
-    *("dry_friction", "hunt_crossley", "tool_compliance", "layered_stiffness", "bias", "saturation"),
-    *("power_law_stiffness", "exponential_stiffness", "delay", "lag", "hysteresis", "deadband"),
-)
+EFFECTS = ("cubic_stiffness", "stress_relaxation", "plastic_set", "adhesion", "drift", "quadratic_damping")
 _TICK, _RAW = (
     Path(__file__).with_name(f"workbench_{name}.js").read_text("utf-8") for name in ("tick", "raw")
 )
@@ -55,23 +50,13 @@ def megabytes(process: psutil.Process) -> float:
     return float(sum(member.memory_info().rss for member in every)) / 1e6
 
 
-def ticks(page: Page, effects: Sequence[str], pause_s: float) -> FloatArray:
+def ticks(page: Page, effects: Sequence[str], pause_s: float = 0.0) -> FloatArray:
     """Return the times from ticks to new curves, and to those of the fit, shape (ticks, 2) [ms]."""
     durations = []
     for effect in effects:
-        for _ in range(2):
-            durations.append(page.evaluate(_TICK, effect))
-            time.sleep(pause_s)
+        durations.append(page.evaluate(_TICK, effect))
+        time.sleep(pause_s)
     return np.array(durations)
-
-
-def is_ranked(page: Page, effect: str) -> bool:
-    """Return whether the page has fitted an effect ahead; a busy machine may be too slow."""
-    try:
-        page.wait_for_selector(f'[data-effect="{effect}"] .evidence span', timeout=PATIENCE_MS)
-    except TimeoutError:
-        return False
-    return True
 
 
 def print_times(what: str, times_ms: FloatArray) -> None:
@@ -101,15 +86,11 @@ def measure_workbench(page: Page, session: Path, folder: Path, count: int) -> No
         shown = f"raw curves {raw_s:.1f} s, to zoom in {curves_s:.1f} s, error {error_s:.1f} s"
         print(f"after the command: {shown}")
         page.wait_for_selector('[data-effect="cubic_stiffness"] .q-checkbox')
-        print_times("at once, hardly anything fitted ahead", ticks(page, EFFECTS[:6], 0.3))
-        ready = [effect for effect in EFFECTS if is_ranked(page, effect)]
-        page.wait_for_timeout(3000)
-        print_times("of effects fitted ahead", ticks(page, ready, 1.0))
-        for _ in range(20):
-            page.evaluate(_TICK, EFFECTS[0])
+        print_times("at once, hardly anything fitted ahead", ticks(page, np.repeat(EFFECTS, 2).tolist(), 0.3))
+        ticks(page, EFFECTS[:1] * 20)
         page.wait_for_timeout(3000)
         before = megabytes(process)
-        print_times("many", np.array([page.evaluate(_TICK, EFFECTS[0]) for _ in range(count)]))
+        print_times("many", ticks(page, EFFECTS[:1] * count))
         page.wait_for_timeout(3000)
         after = megabytes(process)
         print(f"memory of all processes: {before:.0f} MB, after {count} ticks {after / before - 1:+.1%}")

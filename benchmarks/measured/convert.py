@@ -472,36 +472,23 @@ def read_quoted(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 
 
 def read_nid(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
-    """Read the curves of a NID file (AFM by Nanosurf): `FRAME.CHANNEL`, such as `Spec forward.Deflection`.
+    """Read a curve of a NID file (AFM by Nanosurf): `FRAME.CHANNEL`, such as `Spec forward.Deflection`.
 
     The file has sections of text, `#!`, then the signed integers of all channels. Options: `frames`: the
-    frames to read; they must have the same channels in each curve.
-
-    Returns:
-        A table for each curve, whose columns have as many rows as the shortest, from the file's first point.
+    frames to read.
     """
     text, _, data = content.partition(b"#!")
-    sections: dict[str, dict[str, str]] = {}
-    for line in text.decode("latin-1").splitlines():
-        if line.startswith("["):
-            section = sections.setdefault(line.strip()[1:-1], {})
-        elif "=" in line:
-            key, _, value = line.partition("=")
-            section[key] = value
-    curves: list[dict[str, NDArray[np.float64]]] = []
+    columns: dict[str, NDArray[np.float64]] = {}
     at = 0
-    for about in (about for name, about in sections.items() if re.fullmatch(r"DataSet-\d+:\d+", name)):
-        points, lines, bits = (int(about[key]) for key in ("Points", "Lines", "SaveBits"))
-        raw = np.frombuffer(data, f"<i{bits // 8}", points * lines, at).astype(np.float64)
-        at += points * lines * bits // 8
-        if about["Frame"] not in options["frames"]:
-            continue
-        values = (raw / 2.0**bits + 0.5) * float(about["Dim2Range"]) + float(about["Dim2Min"])
-        curves = curves or [{} for _ in range(lines)]
-        for number, (curve, row) in enumerate(zip(curves, values.reshape(lines, points), strict=True)):
-            measured = int(about.get(f"LineDim{number}Points", points))
-            curve[f"{about['Frame']}.{about['Dim2Name']}"] = row[:measured]
-    return [dict(curve) for curve in curves]
+    for section in re.findall(r"^\[DataSet-\d+:\d+\][^[]*", text.decode("latin-1"), re.MULTILINE):
+        about = dict(line.split("=", 1) for line in section.splitlines() if "=" in line)
+        count, bits = int(about["Points"]) * int(about["Lines"]), int(about["SaveBits"])
+        raw = np.frombuffer(data, f"<i{bits // 8}", count, at).astype(np.float64)
+        at += count * bits // 8
+        if about["Frame"] in options["frames"]:
+            values = (raw / 2.0**bits + 0.5) * float(about["Dim2Range"]) + float(about["Dim2Min"])
+            columns[f"{about['Frame']}.{about['Dim2Name']}"] = values
+    return [columns]
 
 
 def read_ibw(content: bytes, options: Mapping[str, Any]) -> list[Columns]:

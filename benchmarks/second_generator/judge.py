@@ -117,10 +117,9 @@ def withheld_effects(job: CaseSpec) -> frozenset[str]:
 def evaluate_case(case: GeneratedCase, seed: int, diagnosis: ChannelDiagnosis, seconds: float) -> CaseOutcome:
     """Compare a diagnosis with the truth."""
     job = case.job
-    names = [entry.effect for entry in diagnosis.accepted]
+    names, right_sets = [entry.effect for entry in diagnosis.accepted], _right_sets(job)
     group = [names[0], *diagnosis.accepted[0].confused_with] if names else []
-    exact = any(set(names) == right for right in _right_sets(job))
-    first = bool(set(group) & frozenset().union(*_right_sets(job)))
+    first = bool(set(group) & frozenset().union(*right_sets))
     verdict = diagnosis.verdict.value
     right = {
         "nothing": verdict == "adequate",
@@ -145,7 +144,7 @@ def evaluate_case(case: GeneratedCase, seed: int, diagnosis: ChannelDiagnosis, s
         else None,
         right=right,
         first=first,
-        exact=exact,
+        exact=set(names) in right_sets,
         seconds=seconds,
         intervals=_intervals(case, diagnosis) if job.sort not in ("outside", "removed") else [],
         exact_forms=[entry.effect for entry in diagnosis.accepted if entry.form == "exact"],
