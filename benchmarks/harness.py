@@ -68,22 +68,19 @@ def run_palpate(*words: object, check: bool = True, timeout_s: float | None = No
     return FinishedCommand(ended.stdout, stderr, ended.returncode, wall_s, processor_s, peak_gb)
 
 
-def parallel(
-    work: Callable[..., Any], jobs: Iterable[Sequence[Any]], processes: int, *, in_order: bool = False
-) -> Iterator[Any]:
-    """Yield the results of a function, computed in processes with one BLAS thread each.
+def parallel(work: Callable[..., Any], jobs: Iterable[Sequence[Any]], processes: int) -> Iterator[Any]:
+    """Yield the results of a function as they finish, computed in processes with one BLAS thread each.
 
     Args:
         work: function of a module.
         jobs: its arguments, one sequence for each call.
         processes: number of processes.
-        in_order: yield in the order of the jobs, instead of as they finish.
     """
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(processes, spawn, initializer=threadpool_limits, initargs=(1,)) as pool:
         tasks = [pool.submit(work, *job) for job in jobs]
         try:
-            for task in tasks if in_order else as_completed(tasks):
+            for task in as_completed(tasks):
                 yield task.result()
         except BaseException:
             pool.shutdown(cancel_futures=True)  # otherwise the other jobs run before the error is shown

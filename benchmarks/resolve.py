@@ -69,7 +69,7 @@ def resolve_case(probes: int, case: dict[str, Any]) -> dict[str, Any]:
             end, left = f"stopped: {error}", [["?"]]
     hidden = case["hidden"]["effect"]
     decided = end in {"separated", "simplest"}
-    right = decided and _by_estimators_names(left) == [[hidden]]
+    right = decided and [[SAME.get(name, name) for name in group] for group in left] == [[hidden]]
     return case | {
         "end": end,
         "left": left,
@@ -84,11 +84,6 @@ def resolve_case(probes: int, case: dict[str, Any]) -> dict[str, Any]:
 def _job(case: dict[str, Any], session: Path) -> ProbingJob:
     scenario = Scenario().with_hidden([parse_imperfection(case["hidden"])])
     return ProbingJob(find_robot(DEFAULT), session, SHORT, scenario=scenario, seed=case["seed"], online=None)
-
-
-def _by_estimators_names(groups: list[list[str]]) -> list[list[str]]:
-    """Replace names of the simulator by those of the estimator."""
-    return [[SAME.get(name, name) for name in group] for group in groups]
 
 
 def _groups(diagnosis: ChannelDiagnosis) -> list[list[str]]:
@@ -122,7 +117,7 @@ def main() -> None:
         names = [name for name, kind in IMPERFECTIONS.items() if shown & set(kind.shows_in)]
         jobs = [(names[n % len(names)], options.seed + n) for n in range(options.find)]
         with json_lines(options.cases, "a") as write:
-            for case in filter(None, parallel(screen_case, jobs, options.processes, in_order=True)):
+            for case in filter(None, parallel(screen_case, jobs, options.processes)):
                 write(case)
         return
     cases = [json.loads(line) for line in options.cases.read_text(encoding="utf-8").splitlines()]

@@ -19,10 +19,10 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from itertools import count
 from multiprocessing import get_context
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import yaml
@@ -42,20 +42,16 @@ _CLONE_NEWNET = 0x40000000  # Linux, sched.h
 _DEVICE, _MOST_BYTES = "link0", 65536
 
 
-@dataclass(frozen=True)
-class LinkFaults:
+class LinkFaults(NamedTuple):
     """Faults of the relay, in each direction."""
 
     delay_s: float
     jitter_s: float  # largest additional delay, uniformly distributed; packets may overtake each other
     loss: float  # share of packets that are lost, independently
 
-    def __str__(self) -> str:
-        return f"{1e3 * self.delay_s:.0f} ms + {1e3 * self.jitter_s:.0f} ms, {100 * self.loss:.0f} %"
-
 
 @contextmanager
-def namespaces(faults: LinkFaults, seed: int = 0) -> Iterator[tuple[str, ...]]:
+def namespaces(faults: LinkFaults) -> Iterator[None]:
     """Keep both namespaces, with the relay between them, while the context is open.
 
     Raises:
@@ -66,7 +62,7 @@ def namespaces(faults: LinkFaults, seed: int = 0) -> Iterator[tuple[str, ...]]:
     try:
         for name in NAMES:
             _ip("netns", "add", name)
-        relay = context.Process(target=_relay, args=(faults, seed, ready), daemon=True)
+        relay = context.Process(target=_relay, args=(faults, ready), daemon=True)
         relay.start()
         if not ready.wait(10.0):
             raise OSError("the relay has not begun")
@@ -74,7 +70,7 @@ def namespaces(faults: LinkFaults, seed: int = 0) -> Iterator[tuple[str, ...]]:
             _ip("-n", name, "addr", "add", own, "peer", peer, "dev", _DEVICE)
             for device in ("lo", _DEVICE):
                 _ip("-n", name, "link", "set", device, "up")
-        yield NAMES
+        yield
     finally:
         if relay is not None:
             relay.kill()
@@ -97,10 +93,10 @@ def _device(name: str) -> int:
     return device
 
 
-def _relay(faults: LinkFaults, seed: int, ready) -> None:  # noqa: ANN001
+def _relay(faults: LinkFaults, ready) -> None:  # noqa: ANN001
     devices = [_device(name) for name in NAMES]
     ready.set()
-    rng, numbers = np.random.default_rng(seed), count()
+    rng, numbers = np.random.default_rng(0), count()
     under_way: list[tuple[float, int, int, bytes]] = []  # time of arrival, number, device and packet
     while True:
         wait_s = under_way[0][0] - time.monotonic() if under_way else 1.0
@@ -124,14 +120,13 @@ def main() -> None:
     parser.add_argument("--jitter-ms", type=float, default=0.0)
     parser.add_argument("--loss", type=float, default=0.0)
     parser.add_argument("--over", choices=("tcp", "udp"), default="udp")
-    parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     faults = LinkFaults(1e-3 * options.delay_ms, 1e-3 * options.jitter_ms, options.loss)
-    with tempfile.TemporaryDirectory() as folder, namespaces(faults, options.seed):
+    with tempfile.TemporaryDirectory() as folder, namespaces(faults):
         merged = run(Path(folder), options.over)
         link = merged.leader.samples("link")
         rendered = merged.compare_rendered_to_real(load_scenario("stiff"))
-        print(f"over {options.over}, {faults} (delay + jitter, loss) each way of every IP packet")
+        print(f"over {options.over}, each way of every IP packet: {faults}")
         share, count = rendered.settled().share, len(rendered.real_n)
         counts = ", ".join(f"{link[kind][-1]} {kind}" for kind in ("fresh", "late", "reordered", "lost"))
         print(f"felt force: {100 * share:.2g} % rms from the real one, {count} samples")
