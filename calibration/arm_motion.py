@@ -133,7 +133,7 @@ def check_lift_path(body: RigidBody, start_rad: FloatArray, up_rad: FloatArray, 
     if joint is not None:
         raise InputError(
             f"joint {joint + 1}: its limits.torque_nm, {limits.torque_nm[joint]:g} N m, cannot carry the arm "
-            "on its way up: raise this limit, or correct the URDF's masses"
+            "on its way up; raise this limit, or correct the URDF's masses"
         )
 
 

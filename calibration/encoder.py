@@ -75,12 +75,12 @@ def plan_stops(
         if lowest is None or approach is None:
             raise InputError(
                 f"joint {joint + 1}: its stops are not stated, or limits.torque_nm is too small to "
-                f"carry the arm there: state the stops, or raise the limit; {_ALTERNATIVE}"
+                f"carry the arm there; state the stops, raise the limit, {_ALTERNATIVE}"
             )
         if lowest < floor_m - arm_motion.MARGIN_M:
             raise InputError(
                 f"joint {joint + 1}: on the way to its stops the arm would come {floor_m - lowest:.2g} m "
-                f"closer to the ground than its present position: start that much higher; {_ALTERNATIVE}"
+                f"closer to the ground than its present position; start that much higher, {_ALTERNATIVE}"
             )
         approaches.append(approach)
     return up, tuple(approaches)
@@ -385,6 +385,6 @@ def _check_offsets(offset_rad: FloatArray) -> None:
     for joint, by_rad in enumerate(offset_rad.tolist(), 1):
         if abs(by_rad) > np.pi:
             raise InputError(
-                f"joint {joint}: its zero is off by {by_rad:+.4g} rad, more than half a turn: correct "
+                f"joint {joint}: its zero is off by {by_rad:+.4g} rad, more than half a turn; correct "
                 "zero_rad or `reversed` in the robot file, or start the drive within the turn of its zero"
             )

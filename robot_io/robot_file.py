@@ -157,7 +157,7 @@ def load_robot_file(path: str | Path) -> RobotFile:
             continue
         first = taken.setdefault(os.path.realpath(port), name)
         if first != name:
-            problem = f"is also the port of '{first}': give each bus its own port"
+            problem = f"is also the port of '{first}'; give each bus its own port"
             raise input_error(robot_file.document, ("buses", name, "port"), problem, port)
     return robot_file
 
@@ -198,7 +198,7 @@ def _from_document(document: YamlDocument) -> RobotFile:
         (("rotor_inertia_kg_m2",), robot_file.rotor_inertia_kg_m2 or (0.0,) * count),
     ):
         if len(values) != count:
-            problem = f"has {len(values)} values, but home_rad has {count}: give one per joint"
+            problem = f"has {len(values)} values, but home_rad has {count}; give one per joint"
             raise input_error(robot_file.document, key_path, problem, list(values))
     for joint, inertia in enumerate(robot_file.rotor_inertia_kg_m2 or ()):
         largest = robot_file.limits.torque_nm[joint] / _SLOWEST_RAD_S2

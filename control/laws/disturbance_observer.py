@@ -93,6 +93,6 @@ class DisturbanceObserver:
         if self._count >= self._samples:
             raise SafetyTripError(
                 f"the joint torques indicate about {output.force_n + unexplained_n:.1f} N, but the force "
-                f"sensor reads {output.force_n:.1f} N: does the sensor work, and does anything else "
+                f"sensor reads {output.force_n:.1f} N; does the sensor work, and does anything else "
                 "touch the arm?"
             )

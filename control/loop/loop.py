@@ -65,7 +65,7 @@ def run_loop(
     if not (math.isfinite(rate_hz) and rate_hz > 0):
         raise InputError(f"control rate {rate_hz} Hz: must be positive")
     if guard.tripped:
-        raise SafetyTripError(f"the guard is tripped ({guard.tripped.cause}): re-arm it first")
+        raise SafetyTripError(f"the guard is tripped ({guard.tripped.cause}); re-arm it first")
     begun_s, begun_wall_s = clock.now_s(), perf_counter()
     with InterruptFlag() as interrupt:
         measurement = first_measurement(robot, guard, clock, 1.0 / rate_hz)

@@ -94,7 +94,7 @@ class PressLine:
         x2, y2 = second_m * math.cos(a2), second_m * math.sin(a2)
         determinant = x1 * y2 - x2 * y1
         if abs(determinant) < 1e-6 * first_m * second_m:
-            raise InputError("target is singular: the first two links are collinear")
+            raise InputError("target is singular, because the first two links are collinear")
         # The third link keeps its direction: tip velocity = sum of rate_i (-y_i, x_i), i = 1, 2.
         vu, vw = self._u * state.speed_m_s, self._w * state.speed_m_s
         rate1 = (vu * x2 + vw * y2) / determinant

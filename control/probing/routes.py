@@ -53,7 +53,7 @@ class Route(NamedTuple):
         """
         return (
             f"on the way {where} the tip would come {1e3 * self.clearance_deficit_m:.1f} mm too close to the "
-            "object and cannot be lifted further: move the targets closer together, or increase "
+            "object and cannot be lifted further; move the targets closer together, or increase "
             "approach_clearance_m and retract_m"
         )
 
@@ -152,7 +152,7 @@ class Routes:
                     if torque_nm[joint] > torque_limits_nm[joint]:
                         raise InputError(
                             f"{what} joint {joint + 1} would need {torque_nm[joint]:.3g} N m, but its limit "
-                            f"is {torque_limits_nm[joint]:g} N m (limits.torque_nm): swing less far or more "
+                            f"is {torque_limits_nm[joint]:g} N m (limits.torque_nm); swing less far or more "
                             "slowly, or lower joint_acceleration_rad_s2"
                         )
 

@@ -302,7 +302,7 @@ class ProbingTask:
                 elif self._move_s > self._path.duration_s + self._plan.settle_s + _REST_WAIT_S:
                     raise SafetyTripError(
                         f"{_REST_WAIT_S} s after the return to the start, a joint still moves at "
-                        f"{fastest_rad_s:.3g} rad/s: the arm does not come to rest"
+                        f"{fastest_rad_s:.3g} rad/s, so the arm does not come to rest"
                     )
         return output
 

@@ -175,7 +175,9 @@ class FollowerTask:
         self._events = []
         if self._queue.linked != self._linked:
             self._linked = self._queue.linked
-            text = "the leader responds" if self._linked else "the leader is silent: no new target is started"
+            text = (
+                "the leader responds" if self._linked else "the leader is silent, so no new target is started"
+            )
             self._events.append(TaskEvent("link_up" if self._linked else "link_silent", text))
         if self._probing_task is None:
             self._begin(measurement)

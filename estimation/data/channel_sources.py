@@ -90,14 +90,14 @@ def channel_sources(columns: ColumnAssignment) -> list[ChannelSource]:
         if len(table.names) > _MANY_TIMES * len(table):
             raise InputError(
                 f"{table.path}: has {len(table)} rows and {len(table.names):,} columns without names, so "
-                "each row seems to hold a signal; save it transposed, as with numpy.savetxt(NEW, "
+                "each row seems to hold a signal; save the table transposed, as with numpy.savetxt(NEW, "
                 "numpy.loadtxt(FILE).T), or begin each row with the name of its signal and a comma"
             )
         first_row = f" (the file has no column names; its first row is {cells})"
     if len(table.names) == 1:
         raise InputError(
             f"{table.path}: holds only one column, '{table.names[0]}'; a measurement needs at least three: "
-            "time, motion and effort; if other files hold the others, give all files"
+            "time, motion and effort; if other files hold the rest, give all files"
         )
     reason = f"no channel can be made of columns {table.listed_names}{first_row}"
     tables = [note for note in table.notes if note.startswith((OMITTED, OTHER_LENGTHS))]

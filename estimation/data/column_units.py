@@ -212,7 +212,7 @@ class ColumnUnits:
         if missing := self.missing(chosen):
             columns = list_first([f"'{column}'" for column, _ in missing])
             unknown = next(filter(None, (_unknown_unit(column) for column, _ in missing)), "")
-            known = f" that is known ('{unknown}' is not)" if unknown else ""
+            known = f" ('{unknown}' is not a known unit)" if unknown else ""
             by_quantity = {option.partition("=")[0]: option for _, option in missing}
             by_quantity |= {o.partition("=")[0]: o for _, o in missing if o.endswith(_LARGE_UNITS)}
             options = " ".join(by_quantity.values())
@@ -222,8 +222,7 @@ class ColumnUnits:
             if len(missing) == 1:
                 problem = f"column {columns} states no unit{known}; give it, as in {options}"
             else:
-                unit = known.replace("that is", "that are") if known else ""
-                problem = f"columns {columns} state no units{unit}; give them, as in {options}"
+                problem = f"columns {columns} state no units{known}; give them, as in {options}"
             keys = POSITION, FORCE
             if set(keys) <= set(chosen) and not any(self.unit_of(chosen[key]) for key in keys):
                 position, force = (shlex.quote(chosen[key].column) for key in keys)

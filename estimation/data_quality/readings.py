@@ -127,8 +127,8 @@ def stuck_in_air(data: ChannelData) -> str | None:
         return None
     return (
         f"{100 * np.mean(stuck[~data.engaged]):.0f} % of the samples in free air are exactly "
-        f"{data.effort.min():.6g} {data.effort_unit}, and none is lower: the sensor is at the lower end of "
-        "its range. Such samples are left out; shift the range, or preload the sensor"
+        f"{data.effort.min():.6g} {data.effort_unit}, and none is lower, so the sensor is at the lower end "
+        "of its range. Such samples are left out; shift the range, or preload the sensor"
     )
 
 

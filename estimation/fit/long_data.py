@@ -220,5 +220,5 @@ def _describe_selection(what: str, data: ChannelData, chosen: ChannelData, held_
     before, after = _fitted(data, held_runs), _fitted(chosen, held_runs)
     count = len(np.setdiff1d(chosen.runs, held_runs))
     words = f"; {count} of the {'fitted ' if len(held_runs) else ''}{what} are used"
-    wider = f", evenly spread, which makes intervals {np.sqrt(before / after):.2g} times as wide"
+    wider = f", evenly spread, so intervals are {np.sqrt(before / after):.2g} times as wide"
     return words + (wider if after < before else "")

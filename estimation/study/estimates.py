@@ -155,7 +155,7 @@ def estimate_with(
     held = {name.partition(".")[0] for name in model.held}
     model = model.without(*(name for name in held if len(model.effect(name).gains) == 1))  # zero adds nothing
     if not model.gains:
-        raise InputError(f"model '{model_name}' has no free parameter: there is nothing to estimate")
+        raise InputError(f"model '{model_name}' has no free parameter, so there is nothing to estimate")
     channel = base.prepare(channel, context)
     rows = fitting_rows(channel) & ~np.isin(channel.run, list(copied_runs(channel)))
     rows[lifted_rows(channel, model, rows)] = False

@@ -543,7 +543,7 @@ class ModelStudy(StudyFits):
         contacts = [base for base in fitting_channels if base.kind is ChannelKind.CONTACT]
         if len(fitting_channels) > 1 and len(contacts) != 1:
             listed = ", ".join(base.name for base in fitting_channels)
-            raise InputError(f"{names} can be added to {listed}: choose one with --channel")
+            raise InputError(f"{names} can be added to {listed}; choose one with --channel")
         return (contacts or fitting_channels)[0]
 
     def _newest_result(self, channel: StudyChannel) -> ChannelResult:

@@ -22,7 +22,7 @@ def check_one_per_joint(context: DriverContext, count: int, devices: str) -> Non
     """
     joint_count = context.robot_file.joint_count
     if count != joint_count:
-        problem = f"has {count} {devices}, but home_rad has {joint_count}: give one per joint"
+        problem = f"has {count} {devices}, but home_rad has {joint_count}; give one per joint"
         raise input_error(context.robot_file.document, context.section, problem)
 
 

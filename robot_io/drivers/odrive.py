@@ -449,7 +449,7 @@ class OdriveBus(MotorBus):
         if wrong := [self.motor_label(joint) for joint, share in enumerate(largest) if not 0.5 < share < 1.5]:
             raise DeviceError(
                 f"{self.line.label}: not in torque control: {', '.join(wrong)}; the frames that set its mode "
-                "may have been lost: check the bus, and start again"
+                "may have been lost, so check the bus, and start again"
             )
 
     def _arming_frames(self, joint: int) -> list[CanFrame]:

@@ -136,7 +136,7 @@ def _check_tree(robot: Element) -> None:
         for _ in range(len(parents)):
             above = parents.get(above, "")
         if above in parents:
-            raise ValueError(f"link '{link}' is its own ancestor: its joints form a loop")
+            raise ValueError(f"link '{link}' is its own ancestor, so its joints form a loop")
 
 
 def linked_name(joint: Element, role: str) -> str:

@@ -61,7 +61,7 @@ class Limits(FileModel):
             count = len(getattr(self, name))
             if count != self.joint_count:
                 raise ValueError(
-                    f"{name} has {count} values, but torque_nm has {self.joint_count}: give one per joint"
+                    f"{name} has {count} values, but torque_nm has {self.joint_count}; give one per joint"
                 )
         ranges_rad = zip(self.position_min_rad, self.position_max_rad, strict=True)
         for joint, (low, high) in enumerate(ranges_rad, 1):

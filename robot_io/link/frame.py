@@ -92,7 +92,7 @@ def check_secret(path: Path, what: str) -> None:
         raise InputError(f"{what} {path}: {error.strerror}") from error
     if os.name == "posix" and mode & (stat.S_IRWXG | stat.S_IRWXO):
         raise InputError(
-            f"{what} {path}: other users can read it (mode {mode:o}): run chmod 600 on it, or make a new one "
+            f"{what} {path}: other users can read it (mode {mode:o}); run chmod 600 on it, or make a new one "
             "if somebody may have read it"
         )
 

@@ -34,7 +34,7 @@ def test_constant_force_with_fresh_stamps_is_detected_before_twice_the_limit(nam
     with closing(arm.robot):
         result = arm.run()
     assert "joint torques indicate about" in result.cause
-    assert "but the force sensor reads 0.0 N: does the sensor work" in result.cause
+    assert "but the force sensor reads 0.0 N; does the sensor work" in result.cause
     tripped_s = arm.guard.tripped.time_s
     time_s, _, force_n, _ = arm.truth.T
     assert force_n[time_s <= tripped_s].max() < 1.4 * LIMIT_N

@@ -141,7 +141,7 @@ def test_force_limit_named_by_the_refusal_is_enough():
 def test_force_before_motion_is_not_tared_away(force_n):
     plant = plant_above(force_bias_n=force_n)
     task = probing_task(ProbingPlan())
-    with pytest.raises(InputError, match=rf"force in free air is {force_n:g} N.* at most 5 N is allowed: "):
+    with pytest.raises(InputError, match=rf"force in free air is {force_n:g} N.* at most 5 N is allowed; "):
         task.start(plant.measure())
 
 

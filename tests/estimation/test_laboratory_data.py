@@ -204,7 +204,7 @@ RATE = {WAY: None, LOAD: None, "Angle [deg]": np.sin(T)}
         (
             {LOAD: None, "Load [furlong]": T},
             {},
-            "states no unit that is known ('furlong' is not); give it, as in --unit force=10N, with the size",
+            "states no unit ('furlong' is not a known unit); give it, as in --unit force=10N, with the size",
         ),
         ({TIME: None, "Time (ticks)": T}, {}, "'ticks' is not a known unit of time; give it as a multiple"),
         ({LOAD: None, "Load setpoint [N]": T}, {}, "no channel can be made of"),

@@ -305,7 +305,7 @@ def test_missing_or_unknown_unit_is_asked_for():
         imported(strain=X, stress=FORCE)
     with pytest.raises(InputError, match=r"'cycles' is not a known unit of time; give it as a multiple"):
         imported(**{"Time (cycles)": T, "Travel (mm)": 1e3 * X, "Load (N)": FORCE})
-    with pytest.raises(InputError, match=r"\('MM' is not\); give it, as in --unit displacement"):
+    with pytest.raises(InputError, match=r"\('MM' is not a known unit\); give it, as in --unit displacement"):
         imported(**{"Time (s)": T, "Travel (MM)": 1e3 * X, "Load (N)": FORCE})
     with pytest.raises(InputError, match=r"--unit position=m$"):
         imported(time_s=T, position=X, force_N=FORCE)

@@ -186,7 +186,7 @@ class MotorBus(JointBus, Examinable):
 
     def stage(self, torque_nm: FloatArray) -> FloatArray:
         if not self._powered:
-            raise LifecycleError("the motors are off: activate them before the first command")
+            raise LifecycleError("the motors are off; activate them before the first command")
         pairs = [self._encode_torque(joint, torque) for joint, torque in enumerate(torque_nm.tolist())]
         self._staged = [frame for frame, _ in pairs]
         return np.array([sent for _, sent in pairs])

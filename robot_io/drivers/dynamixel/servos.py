@@ -216,7 +216,7 @@ class DynamixelLine(ServoLine):
         servo.refuse_other_model(number)
         if firmware < tables.WATCHDOG_FIRMWARE:
             raise DeviceError(
-                f"servo {servo.id} has firmware {firmware} without a bus watchdog: update it to "
+                f"servo {servo.id} has firmware {firmware} without a bus watchdog; update it to "
                 f"{tables.WATCHDOG_FIRMWARE} or newer"
             )
         self.registers.write_unconfirmed(servo.id, tables.STATUS_RETURN_LEVEL, tables.ANSWER_EVERYTHING)

@@ -142,7 +142,9 @@ class FeetechBus(ServoBus[FeetechFeedback]):
     def _goals(self, torque_nm: list[float]) -> tuple[list[int], FloatArray]:
         """Compute goals from the servos' control law and predicted positions; see `ServoBus._goals`."""
         if self.sample is None:
-            raise LifecycleError("read the servos first: a torque command starts from their positions")
+            raise LifecycleError(
+                "read the servos first, because a torque command starts from their positions"
+            )
         feedback, asked_at_s = self.sample
         # Without newer positions the goals must not move on, because the joints would follow them.
         ahead_s = min(self._clock.now_s() - asked_at_s, self._oldest_s) + self._half_tick_s

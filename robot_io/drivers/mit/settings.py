@@ -226,7 +226,9 @@ class MitBusSettings(CanLineSettings):
                 f"host_id {self.host}: Robstride's motors allow at most {LARGEST_ROBSTRIDE_HOST}"
             )
         if self.ask_with == "enter" and self.dialect.activation_registers:
-            raise ValueError(f"ask_with 'enter' is not allowed: it would power motors of '{self.maker}'")
+            raise ValueError(
+                f"ask_with 'enter' is not allowed, because it would power motors of '{self.maker}'"
+            )
         if self.dialect.has_answer_ids and self.host_id is not None:
             raise ValueError("host_id: Damiao motors each have an 'answer_id' instead")
         if not self.dialect.has_answer_ids and any(motor.answer_id is not None for motor in self.motors):

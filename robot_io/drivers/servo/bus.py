@@ -164,7 +164,7 @@ class ServoBus(JointBus, Examinable, Generic[FeedbackType]):
     def stage(self, torque_nm: FloatArray) -> FloatArray:
         """See `JointBus.stage`; raise `InputError` if a torque is not a number."""
         if not self._powered:
-            raise LifecycleError("the drives are off: activate them before the first command")
+            raise LifecycleError("the drives are off; activate them before the first command")
         wanted_nm = np.asarray(torque_nm, dtype=np.float64).tolist()
         if any(map(isnan, wanted_nm)):
             raise InputError("a motor command is not a number")

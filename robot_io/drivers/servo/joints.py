@@ -108,7 +108,7 @@ class ServoMounting(FileModel):
         if self.homing_offset in (None, measured_offset):
             return None
         return (
-            f"has a homing offset of {measured_offset}, but the robot file states {self.homing_offset}: "
+            f"has a homing offset of {measured_offset}, but the robot file states {self.homing_offset}, so "
             "it has been calibrated again, and its positions mean other angles"
         )
 
@@ -282,7 +282,7 @@ class ServoPairs:
             if not abs(ahead_rad) <= self._tolerance_rad:
                 return (
                     f"{label} stand {abs(ahead_rad):.3f} rad apart, but pair_tolerance_rad is "
-                    f"{self._tolerance_rad:g}: has a horn slipped, or is zero_rad or reversed wrong?"
+                    f"{self._tolerance_rad:g}; has a horn slipped, or is zero_rad or reversed wrong?"
                 )
         return None
 
@@ -304,7 +304,7 @@ class ServoPairs:
             if self._count[k] >= _SAMPLES and time_s - self._alike_at_s[k] >= self._time_s - 1e-9:
                 return (
                     f"{self._labels[k]} exert {first_nm:.2f} and {second_nm:.2f} N m, although both "
-                    "were sent the same torque: one has lost its torque, or works against the other"
+                    "were sent the same torque; one has lost its torque, or works against the other"
                 )
         return None
 

@@ -48,7 +48,7 @@ def test_lowering_is_as_documented_and_joints_need_room_and_values():
     with pytest.raises(ValidationError, match=r"1.0 is not below position_max_rad 1.0 of joint 1"):
         Limits(**LIMITS | {"position_min_rad": (1.0,)})
     with pytest.raises(
-        ValidationError, match="tracking_rad has 2 values, but torque_nm has 1: give one per joint"
+        ValidationError, match="tracking_rad has 2 values, but torque_nm has 1; give one per joint"
     ):
         Limits(**LIMITS | {"tracking_rad": (1.0, 1.0)})
     (lower_time_s,) = re.findall(r"`lower_time_s` \((\d+) s by default\)", PAGE.read_text(encoding="utf-8"))
