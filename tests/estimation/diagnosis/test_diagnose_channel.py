@@ -372,7 +372,14 @@ def test_error_is_compared_with_a_constant_on_the_same_means():
 
 @pytest.mark.parametrize(
     ("curvature", "verdict", "words"),
-    [(0.0, Verdict.INSUFFICIENT, "no missing effect was found, but 90 samples"), (6e4, Verdict.MISSING, "")],
+    [
+        (
+            0.0,
+            Verdict.INSUFFICIENT,
+            "no missing effect was found, but only a large one can be found in 90 samples",
+        ),
+        (6e4, Verdict.MISSING, ""),
+    ],
 )
 def test_short_recording_can_show_a_large_effect_but_not_an_adequate_model(curvature, verdict, words):
     run, time_s = np.repeat(np.arange(3), 30), np.tile(0.1 * np.arange(30), 3)
