@@ -8,7 +8,12 @@ import numpy as np
 
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.signals.cache_by_array import cache_by_array
-from palpate.estimation.signals.runwise import BY_ACCELERATION, BY_POSITION, smooth_jitter
+from palpate.estimation.signals.runwise import (
+    BY_ACCELERATION,
+    BY_POSITION,
+    TWICE_BY_POSITION,
+    smooth_jitter,
+)
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray, IntArray
 
@@ -146,9 +151,11 @@ def _with_slopes(
         return dynamics(q + dq * axis, v, a + da * axis)
 
     values = signal_at(0.0, 0.0) if values is None else values
+    ahead, behind = (signal_at(side * _STEP_RAD, 0.0) for side in (1.0, -1.0))
     return {
         name: values,
-        name + BY_POSITION: (signal_at(_STEP_RAD, 0.0) - signal_at(-_STEP_RAD, 0.0)) / (2.0 * _STEP_RAD),
+        name + BY_POSITION: (ahead - behind) / (2.0 * _STEP_RAD),
+        name + TWICE_BY_POSITION: (ahead - 2.0 * values + behind) / _STEP_RAD**2,
         name + BY_ACCELERATION: signal_at(0.0, 1.0) - values,
     }
 

@@ -402,7 +402,8 @@ def _bouc_wen_tables(sharpness: float, unloading: float) -> _BoucWenTables:
     return _BoucWenTables(states, paths, reached.tolist(), turned.tolist(), slopes.tolist())
 
 
-BY_POSITION, BY_ACCELERATION = "_by_position", "_by_acceleration"  # suffixes of a signal's derivatives
+# Suffixes of a signal's derivatives: the first and the second by position, and that by acceleration.
+BY_POSITION, TWICE_BY_POSITION, BY_ACCELERATION = "_by_position", "_twice_by_position", "_by_acceleration"
 
 
 def shifted_motion(
@@ -410,8 +411,9 @@ def shifted_motion(
 ) -> ChannelData:
     """Add changes to the motion of a channel.
 
-    Context signals that depend on the motion, such as a rigid body's torque, change to first order if the
-    context has their derivatives by the channel's position and acceleration.
+    Context signals that depend on the motion, such as a rigid body's torque, change too if the context has
+    their derivatives by the channel's position and acceleration. The change with the position is exact for
+    the weight of a turning link, which is a sine of its angle, and of second order otherwise.
 
     Args:
         data: the channel.
@@ -420,13 +422,15 @@ def shifted_motion(
         acceleration: change of acceleration, shape (n,).
     """
     context = dict(data.context)
+    first, second = position, 0.5 * position**2
+    if data.kind.is_angle:
+        first, second = np.sin(position), 2.0 * np.sin(0.5 * position) ** 2
+    changes = {BY_POSITION: first, TWICE_BY_POSITION: second, BY_ACCELERATION: acceleration}
     for name, values in data.context.items():
-        if name + BY_POSITION in data.context and name + BY_ACCELERATION in data.context:
+        if all(name + suffix in data.context for suffix in changes):
             columns = [-1] + [1] * (values.ndim - 1)
-            context[name] = (
-                values
-                + data.context[name + BY_POSITION] * position.reshape(columns)
-                + data.context[name + BY_ACCELERATION] * acceleration.reshape(columns)
+            context[name] = values + sum(
+                data.context[name + suffix] * change.reshape(columns) for suffix, change in changes.items()
             )
     return replace(
         data,

@@ -15,6 +15,7 @@ from palpate.estimation.effects.gravity_load import KnownRigidBody
 from palpate.estimation.estimators import ESTIMATORS
 from palpate.estimation.model import Model
 from palpate.estimation.signals.arm_signals import with_rigid_body
+from palpate.estimation.signals.runwise import shifted_motion
 from palpate.estimation.study.estimates import estimate_with
 from palpate.robot_io.calibration.applied import gravity_base_m_s2
 from tests.estimation.press_tables import imported
@@ -50,6 +51,16 @@ def test_tilted_base_equals_tilted_gravity(joint, dip_rad):
     tilt = EFFECTS["gravity_tilt"]().suited_to(data)
     added = tilt.known(data, {"tilt": dip_rad})  # about y, though the follower's joints turn about -y
     np.testing.assert_allclose(data.effort - data.context["rigid_body_torque"], added, atol=1e-9)
+
+
+@pytest.mark.parametrize("joint", [0, 1, 2])
+def test_torque_is_right_even_where_a_gap_shifts_the_angle_far(joint):
+    data, shift, still = swinging(joint, 0.0), np.array([0.6]), np.zeros(1)
+    shifted = shifted_motion(data.select(np.array([90])), shift, still, still).context["rigid_body_torque"]
+    moved = {**data.context, "joint_position": data.context["joint_position"] + shift * np.eye(3)[joint]}
+    there = with_rigid_body(replace(data, context=moved), RigidBody.from_urdf(URDF, "tip"), joint)
+    change = there.context["rigid_body_torque"][90] - data.context["rigid_body_torque"][90]
+    assert shifted[0] - data.context["rigid_body_torque"][90] == pytest.approx(change, rel=2e-3)
 
 
 @pytest.mark.parametrize("joint", [0, 1, 2])
