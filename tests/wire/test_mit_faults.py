@@ -205,7 +205,7 @@ def test_frame_without_a_motor_state_is_no_position(make_robot, path, frame):
     [
         (CUBEMARS, "MOSFET over temperature"),
         (DAMIAO, "MOSFET over temperature"),
-        (ROBSTRIDE, "over temperature: remove"),
+        (ROBSTRIDE, "over temperature; remove"),
     ],
 )
 def test_error_other_than_the_timeout_is_not_cleared_silently(make_robot, path, error):
@@ -230,7 +230,7 @@ def test_faults_are_named_even_without_a_state_bit(make_robot):
     assert arm.ticks_until(lambda m: m.torque_status is Status.FAULT) <= 3
     assert "joint 3 (motor 3): over voltage, over current in phase A" in arm.problem
     arm.robot.deactivate()
-    with pytest.raises(DeviceError, match="over voltage, over current in phase A: remove the cause"):
+    with pytest.raises(DeviceError, match="over voltage, over current in phase A; remove the cause"):
         arm.robot.activate()
     arm.robot.activate()  # which the motor takes, and says no more of it
     assert arm.ticks(3).torque_status is Status.OK

@@ -105,7 +105,7 @@ def test_key_that_others_can_read_is_refused(mode, tmp_path):
     key = write_key(tmp_path / "pair.key")
     load_seal(key, "topic")
     key.chmod(mode)
-    with pytest.raises(InputError, match=rf"pair\.key: other users can .* \(mode {mode:o}\): run chmod 600"):
+    with pytest.raises(InputError, match=rf"pair\.key: other users can .* \(mode {mode:o}\); run chmod 600"):
         LinkConnection("follower", LinkSettings(port=free_port(), key=key), MonotonicClock())
     key.chmod(0o600)
     other = write_key(tmp_path / "tls.key")
