@@ -116,7 +116,7 @@ def test_every_compared_channel_is_diagnosed(arm):
 
 def test_effect_is_added_to_the_diagnosed_or_a_suitable_or_the_requested_channel(arm):
     study, _ = arm
-    with pytest.raises(InputError, match="viscous_friction can be added to joint_1, joint_2: choose one"):
+    with pytest.raises(InputError, match="viscous_friction can be added to joint_1, joint_2; choose one"):
         study.add("viscous_friction")
     assert study.add("bias").result.channel.name == "contact"
     assert study.add("bias", channel="joint_1").result.channel.name == "joint_1"
@@ -156,7 +156,7 @@ def test_adding_continues_the_newest_revision_and_removing_reverts():
         (
             ["bias", "recorded_dependence"],
             {},
-            r"\(contact\): recorded_dependence cannot be identified from these data\. Effects",
+            r"\(contact\), because recorded_dependence cannot be identified from these data\. Effects",
         ),
         (["stiffness"], {}, "more than once"),
         (["bias", "bias"], {}, "more than once"),
