@@ -129,7 +129,7 @@ class SimulatedBus(JointBus):
     def stage(self, torque_nm: FloatArray) -> FloatArray:
         """See `JointBus.stage`; rounded to the drives' steps, then clipped to the URDF's effort limits."""
         if not self._powered:
-            raise LifecycleError("the drives are off: activate them before the first command")
+            raise LifecycleError("the drives are off; activate them before the first command")
         step_nm, limits_nm = self.scenario.sensors.torque.command_resolution_nm, self.world.torque_limit_nm
         pairs = zip(quantize(torque_nm.tolist(), step_nm), limits_nm, strict=True)
         self._staged_torque_nm = [clip(torque, -limit, limit) for torque, limit in pairs]
