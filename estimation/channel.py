@@ -191,6 +191,8 @@ class ChannelData:
     # Rate at which an object recovers in free air, relative to its relaxation at constant depth. A free
     # surface moves while the object recovers, which makes the recovery slower; 1 if it does not move.
     recovery_ratio: float = field(default=1.0, compare=False)
+    # Damping divided by the stiffness against a sudden press, with which a free surface recovers [s].
+    retardation_s: float = field(default=0.0, compare=False)
     # Whether the free surface of a damped object recovers with c / k before the tip touches it again, see
     # `above_free_surface`. Otherwise it recovers at once.
     surface_recovers: bool = field(default=False, compare=False)

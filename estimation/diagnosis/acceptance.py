@@ -529,12 +529,13 @@ def most_parsimonious(
         own = [fit.parameters[f"{name}.{parameter.name}"] for parameter in (*effect.gains, *effect.inner)]
         # A parameter is undetermined if its interval contains zero or is unknown.
         if any(not abs(e.value) > 0.5 * np.ptp(e.interval) for e in own if not e.at_bound):
-            simpler = [
-                search.with_candidate(candidate)
+            near = [
+                candidate
                 for candidate in search.alternatives(fit, name)[:_MAX_RIVALS]
                 if parameter_count(candidate.effect) < max_count
                 and candidate.error_with_adapted_inner(fit.problem) <= NEAR * fit.solution.held_out
             ]
+            simpler = [search.with_candidate(each) for each in (*near, *search.simpler_forms(fit, name))]
             limit = (1.0 + SMALL) * fit.rmse
             simpler = [model for model in simpler if model.rmse <= limit and search.is_sensible(model)]
             if simpler:

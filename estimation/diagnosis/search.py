@@ -236,6 +236,21 @@ class Search:
             self._alternatives[key] = quick_screen(reduced, tried)
         return self._alternatives[key]
 
+    def simpler_forms(self, fit: FitResult, name: str) -> list[Candidate]:
+        """Fit effects of the same kind with fewer parameters in an effect's place, from all start values.
+
+        A sharp optimum can lie between the few start values of `alternatives`.
+
+        Args:
+            fit: the model.
+            name: name of the effect to replace.
+        """
+        model, effect = fit.solution.model.without(name), fit.solution.model.effect(name)
+        reduced = FitResult(fit.data, fit.problem, solve_gains(fit.problem, model, fit.solution.parameters))
+        tried = applicable_effects(fit.data, model, self.effects)
+        simpler = [each for each in tried if parameter_count(each) < parameter_count(effect)]
+        return screen_effects(reduced, [each for each in simpler if each.kind is effect.kind])
+
     def refit_effect(self, fit: FitResult, name: str) -> FitResult:
         """Refit an effect from its own start values, since other effects may have moved its optimum far away.
 

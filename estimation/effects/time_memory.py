@@ -119,9 +119,12 @@ class StressRelaxation(_Relaxation, AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        pressed = np.where(data.engaged, data.position, 0.0)
-        memory = partial(fading_memory, rates=np.array([1.0 / inner["tau"]]), weights=np.ones(1))
-        return self.relaxed(memory, pressed, data)[:, None]
+        pressed, rates = np.where(data.engaged, data.position, 0.0)[:, None], np.array([1.0 / inner["tau"]])
+        free, share = None, 1.0 - data.recovery_ratio
+        if share:
+            free = free_surface_memory(pressed, data, rates, np.array([share])) / share
+        memory = partial(fading_memory, rates=rates, weights=np.ones(1))
+        return self.relaxed(memory, pressed, data, free)
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         return start_grid(tau=_time_constants(data, 9, 3.0))

@@ -33,7 +33,7 @@ _MIN_SHARE = 0.01  # least share of the squared error that a named signal must e
 _MIN_KEPT = 0.5  # least share of the samples that remain if a model moves the boundaries of the contact
 _MIN_IMPROVEMENT = 0.9  # ratio of squared held-out errors below which a correction of smoothing bias is used
 _MIN_PULL = 5.0  # standard errors by which the data must favor a gain beyond its bound to be reported
-_NOISE_RATIO = 1.05  # ratio to the noise level up to which an error counts as noise
+NOISE_RATIO = 1.05  # ratio to the noise level up to which an error counts as noise
 _RATE_SIGNALS = frozenset({"velocity", "direction"})
 
 
@@ -323,12 +323,12 @@ def final_solution(fit: FitResult) -> tuple[FitProblem, Solution]:
     Args:
         fit: the fitted model.
     """
-    if fit.training.shared is not None or fit.rmse > _NOISE_RATIO * fit.floor():
+    if fit.training.shared is not None or fit.rmse > NOISE_RATIO * fit.floor():
         return fit.problem, fit.solution
     problem, used = fit.whitened_problem, fit.problem.used
     solution = optimize_inner(problem, solve_gains(problem, fit.model, fit.solution.parameters))
     ordinary, whitened = (float(np.sum(solved.residual[used] ** 2)) for solved in (fit.solution, solution))
-    if whitened > _NOISE_RATIO**2 * ordinary:
+    if whitened > NOISE_RATIO**2 * ordinary:
         return fit.problem, fit.solution
     filters = fit.filters
     if problem.blocked.data.kind is ChannelKind.CONTACT or filters == ((), ()):

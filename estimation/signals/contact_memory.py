@@ -48,10 +48,12 @@ def free_surface_memory(
 ) -> FloatArray:
     """Return the sum of relaxing branches of an elastic force whose free surface recovers between contacts.
 
-    The force is F = (1 - sum f_i) E + sum f_i Z_i with Z_i' = E' - Z_i r_i. It is zero in free air, where E
-    therefore follows the branches: W_i = Z_i - E obeys W_i' = -r_i (W_i - sum f_j W_j). A single branch with
-    the time constant tau recovers with tau / (1 - f). The tip leaves the surface before it reaches the
-    undeformed position of the surface (T. C. T. Ting, J. Appl. Mech. 33 (1966)).
+    The force is F = E + sum f_i W_i + theta E' with W_i = Z_i - E and Z_i' = E' - Z_i r_i, where theta is
+    `ChannelData.retardation_s`. It is zero in free air. Without a damper (theta 0), E therefore follows the
+    branches: W_i' = -r_i (W_i - sum f_j W_j), and a single branch with the time constant tau recovers with
+    tau / (1 - f). With a damper, E' = -(E + sum f_j W_j) / theta and W_i' = -r_i (W_i + E). The tip leaves
+    the surface before it reaches the undeformed position of the surface (T. C. T. Ting, J. Appl. Mech. 33
+    (1966)).
 
     Args:
         strain: elastic force E while the object is pressed, shape (n, k).
@@ -72,17 +74,24 @@ def free_surface_memory(
     starts, contact = block_index(number)
     ends = np.append(starts[1:], len(rows)) - 1
     decay = np.exp(-np.outer(rates, time_s - time_s[starts][contact]))
-    exponents, modes = np.linalg.eig(-rates[:, None] * (np.eye(len(rates)) - shares))
+    system = -rates[:, None] * (np.eye(len(rates)) - shares)
+    left = (branches[:, ends] - pressed[ends]).swapaxes(0, 1)
+    if damped := data.retardation_s > 0.0:  # the elastic force is a state of its own
+        elastic = -np.append(shares, 1.0) / data.retardation_s
+        system = np.vstack([-rates[:, None] * np.eye(len(rates), len(rates) + 1), elastic])
+        system[:-1, -1] = -rates
+    exponents, modes = np.linalg.eig(system)
     pauses_s = time_s[starts[1:]] - time_s[ends[:-1]]
     # If the shares exceed 1, the solid is unstable; its state would overflow in a long pause.
-    remaining = np.exp(np.outer(pauses_s, np.minimum(exponents, 0.0)))
+    remaining = np.exp(np.outer(pauses_s, np.minimum(exponents.real, 0.0) + 1j * exponents.imag))
     remaining[pauses_s < 0.0] = 0.0  # runs with separate clocks
-    recovery = (modes * remaining[:, None]) @ np.linalg.inv(modes)
+    recovery = ((modes * remaining[:, None]) @ np.linalg.inv(modes)).real
     carried = np.zeros((len(starts), len(rates), strain.shape[1]))  # state at the start of each contact
-    left = (branches[:, ends] - pressed[ends]).swapaxes(0, 1)
     for number_before, recovered in enumerate(recovery):
-        before = carried[number_before] * decay[:, ends[number_before], None] + left[number_before]
-        carried[number_before + 1] = recovered @ before
+        state = carried[number_before] * decay[:, ends[number_before], None] + left[number_before]
+        if damped:
+            state = np.vstack([state, pressed[ends[number_before]]])
+        carried[number_before + 1] = (recovered @ state)[: len(rates)]
     branches += carried[contact].swapaxes(0, 1) * decay[..., None]
     return _with_air(np.tensordot(shares, branches, 1), strain, rows, last, shares.sum())
 
@@ -144,7 +153,9 @@ def _with_air(
 
 @cache_by_channel_arrays("position", "effort", "run", "touching")
 def pressed_samples(data: ChannelData) -> BoolArray:
-    """Return the mask (n,) of samples in contact, up to the last force above the readings in free air.
+    """Return the mask (n,) of samples in contact, from the first force above the readings in free air.
+
+    A contact ends where a reading is not above those in free air, after the last one that clearly is.
 
     Args:
         data: a contact channel.
@@ -161,7 +172,9 @@ def pressed_samples(data: ChannelData) -> BoolArray:
         return engaged
     first = np.minimum.reduceat(np.where(loaded, rows, len(data)), starts)[piece]
     last = np.maximum.reduceat(np.where(loaded, rows, -1), starts)[piece]
-    pressed: BoolArray = (rows >= first) & (rows <= last)
+    light = np.where(~engaged | (data.effort <= zero), rows, len(data))
+    after = np.minimum.accumulate(light[::-1])[::-1]  # the next sample that is not above
+    pressed: BoolArray = engaged & (rows >= first) & (rows < np.where(last < 0, 0, after[last]))
     pressed |= False if data.touching is None else data.touching
     pressed.setflags(write=False)  # others are cached by it
     return pressed

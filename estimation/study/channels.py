@@ -63,8 +63,8 @@ class StudyChannel:
         if data.recovers is not None:
             return data
         data = replace(data, surface_recovers=surface_recovers(self._without_held_out(data)))
-        recovers, ratio = recovery(self._without_held_out(data))
-        return replace(data, recovers=recovers, recovery_ratio=ratio)
+        recovers, ratio, retardation_s = recovery(self._without_held_out(data))
+        return replace(data, recovers=recovers, recovery_ratio=ratio, retardation_s=retardation_s)
 
     def prepare(self) -> ChannelData:
         """Compute the signals that the model needs.

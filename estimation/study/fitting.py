@@ -22,7 +22,7 @@ from palpate.estimation.effect import Effect
 from palpate.estimation.effects.elastic_shape import CubicStiffness
 from palpate.estimation.effects.time_memory import RelaxationSpectrum, StressRelaxation
 from palpate.estimation.fit.fit_problem import solve_gains
-from palpate.estimation.fit.fit_result import FitResult, Validation, fit_model
+from palpate.estimation.fit.fit_result import NOISE_RATIO, FitResult, Validation, fit_model
 from palpate.estimation.fit.inner_search import optimize_inner, search_inner
 from palpate.estimation.model import Model
 from palpate.estimation.models import MODELS
@@ -83,7 +83,7 @@ def surface_recovers(data: ChannelData) -> bool:
     return min(errors) < _RECOVERED_RATIO * at_once
 
 
-def recovery(data: ChannelData) -> tuple[bool, float]:
+def recovery(data: ChannelData) -> tuple[bool, float, float]:
     """Return whether an object has recovered when each run begins, and how fast it recovers if it relaxes.
 
     It has recovered if each run presses another spot or specimen, or if the object rests for long enough.
@@ -91,14 +91,15 @@ def recovery(data: ChannelData) -> tuple[bool, float]:
     the object relaxes, the flexible laws of its kinds do, and a cubic spring with one relaxation must not
     predict them worse, since few runs allow a chance result. Otherwise, the surface of an object that relaxes
     is taken to be free between contacts if this lowers the held-out error of the cubic spring with one
-    relaxation, or of one with two branches, and of the flexible laws.
+    relaxation, or of one with two branches, and of the flexible laws. If one relaxation leaves only noise, no
+    missing effect can imitate a free surface, and the smaller held-out error decides.
 
     Args:
-        data: a contact channel; the results are False and 1 for other channels, and for runs without a common
-            clock.
+        data: a contact channel; the results are False, 1 and 0 for other channels, and for runs without a
+            common clock.
 
     Returns:
-        Values of `ChannelData.recovers` and of `ChannelData.recovery_ratio`.
+        Values of `recovers`, `recovery_ratio` and `retardation_s` of `ChannelData`.
     """
     has_memory = (
         data.kind is ChannelKind.CONTACT
@@ -106,7 +107,7 @@ def recovery(data: ChannelData) -> tuple[bool, float]:
         and len(np.unique(number_stretches(data.engaged, data.run)[data.engaged])) > 1
     )
     if not has_memory or reject_reason(data):
-        return False, 1.0
+        return False, 1.0, 0.0
     context = ModelContext(surface_found=data.surface is not None)
     spring, good = MODELS["kelvin_voigt"]().build(context), usable(data)
     hardening = spring.with_effect(CubicStiffness())
@@ -118,7 +119,7 @@ def recovery(data: ChannelData) -> tuple[bool, float]:
         errors = [fit.rmse for fit in fits]
         remembering, fresh = (fit_model(each, hardening, {}, good).rmse for each in (continued, recovered))
         if min(errors) > _RELAXING_RATIO * min(remembering, fresh):
-            return fresh < _RECOVERED_RATIO * remembering, 1.0
+            return fresh < _RECOVERED_RATIO * remembering, 1.0, 0.0
 
         def improves(other: ChannelData, ratio: float) -> bool:
             """Return whether the flexible laws of the object predict held-out runs better by a ratio."""
@@ -128,17 +129,18 @@ def recovery(data: ChannelData) -> tuple[bool, float]:
 
         may_recover = len(data.runs) > 1 and errors[1] < _WORSE_RATIO * errors[0]
         if may_recover and improves(recovered, _RECOVERED_RATIO):
-            return True, 1.0
-        ratio = _free_surface_ratio(continued, hardening, fits[0], fits[2])
+            return True, 1.0, 0.0
+        surface = _free_surface(continued, hardening, fits[0], fits[2])
         # A free surface is the physical case and adds no parameter, so any clear improvement is enough here.
-        is_free = ratio != 1.0 and improves(replace(continued, recovery_ratio=ratio), 1.0 / _WORSE_RATIO)
-        return False, ratio if is_free else 1.0
+        is_noise = fits[0].rmse < NOISE_RATIO * fits[0].floor()
+        is_free = surface is not continued and (is_noise or improves(surface, 1.0 / _WORSE_RATIO))
+        return (False, surface.recovery_ratio, surface.retardation_s) if is_free else (False, 1.0, 0.0)
 
 
-def _free_surface_ratio(data: ChannelData, base: Model, held: FitResult, free: FitResult) -> float:
-    """Return `ChannelData.recovery_ratio` of a free surface, or 1 if that predicts held-out runs no better.
+def _free_surface(data: ChannelData, base: Model, held: FitResult, free: FitResult) -> ChannelData:
+    """Return the channel with a free surface, or unchanged if that predicts held-out runs no better.
 
-    A free surface adds no parameter, since the shares of the relaxing branches determine the ratio.
+    A free surface adds no parameter, since the shares of the relaxing branches and the damping determine it.
 
     Args:
         data: a contact channel with one clock for all runs.
@@ -146,28 +148,33 @@ def _free_surface_ratio(data: ChannelData, base: Model, held: FitResult, free: F
         held: fit of the base model and `stress_relaxation`, with the surface held in free air.
         free: the same with the ratio `_FIRST_RATIO`.
     """
-    good, ratio, limit = usable(data), _FIRST_RATIO, _RECOVERED_RATIO * held.rmse
-    for _ in range(_REPEATS):
-        stiffness, relaxing = free.values["stiffness.k"], free.values["stress_relaxation.k1"]
+    good, ratio, surface = usable(data), _FIRST_RATIO, data
+    limit = held.rmse * (1.0 if held.rmse < NOISE_RATIO * held.floor() else _RECOVERED_RATIO)
+    for repeat in range(_REPEATS):
+        stiffness = free.values["stiffness.k"]
+        sudden = max(stiffness + free.values["stress_relaxation.k1"], 1e-300)
         # The mean also converges where the object hardly recovers and the fits would alternate.
-        before, ratio = ratio, 0.5 * (ratio + stiffness / max(stiffness + relaxing, 1e-300))
-        ratio = max(ratio, _SMALLEST_RATIO)
-        if abs(ratio - before) < _CONVERGED * ratio:
+        before, ratio = ratio, max(0.5 * (ratio + stiffness / sudden), _SMALLEST_RATIO)
+        if repeat and abs(ratio - before) < _CONVERGED * ratio:
             break
-        free = fit_model(replace(data, recovery_ratio=ratio), held.model, free.values, good)
+        retardation_s = free.values["damping.c"] / sudden
+        surface = replace(data, recovery_ratio=ratio, retardation_s=retardation_s)
+        free = fit_model(surface, held.model, free.values, good)
     if free.rmse < limit:
-        return ratio
+        return surface
     # A second branch may cause more error than a held surface, so both are compared with two branches too.
     share, tau_s = 0.5 * (1.0 - ratio), free.values["stress_relaxation.tau"]
     start = {"fast": share, "slow": share, "fast_time": 0.2 * tau_s, "slow_time": 2.0 * tau_s}
     named = {f"relaxation_spectrum.{name}": value for name, value in start.items()}
     spectrum = base.with_effect(RelaxationSpectrum())
-    free_data = replace(data, recovery_ratio=ratio)
-    held, free = (fit_model(each, spectrum, named, good) for each in (data, free_data))
+    held, free = (fit_model(each, spectrum, named, good) for each in (data, surface))
     if free.rmse > min(limit, _RECOVERED_RATIO * held.rmse):
-        return 1.0
-    shares = free.values["relaxation_spectrum.fast"] + free.values["relaxation_spectrum.slow"]
-    return max(1.0 - float(shares), _SMALLEST_RATIO)
+        return data
+    values = free.values
+    shares = values["relaxation_spectrum.fast"] + values["relaxation_spectrum.slow"]
+    retardation_s = values["damping.c"] / values["stiffness.k"]
+    ratio = max(1.0 - float(shares), _SMALLEST_RATIO)
+    return replace(data, recovery_ratio=ratio, retardation_s=retardation_s)
 
 
 def preview_extended(parent: FitResult, effect: Effect) -> FitResult:

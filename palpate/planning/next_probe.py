@@ -315,6 +315,7 @@ def _motion(
         prepared,
         recovers=data.recovers,
         recovery_ratio=data.recovery_ratio,
+        retardation_s=data.retardation_s,
         surface_recovers=data.surface_recovers,
     )
 

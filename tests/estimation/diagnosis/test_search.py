@@ -24,7 +24,7 @@ from palpate.estimation.fit.inner_search import GridSearch
 from palpate.estimation.fit.measurement_model import identify_measurement_model
 from palpate.estimation.kinds import Kind
 from palpate.estimation.model import Model
-from tests.estimation.presses import NOISE_N, session
+from tests.estimation.presses import NOISE_N, kelvin_voigt, maxwell, session
 from tests.estimation.searches import PRESS, ROTOR, SWING, measured, reached, searched
 from tests.estimation.swings import INERTIA, WEIGHT
 from tests.estimation.swings import coarse_swings as swings
@@ -88,6 +88,20 @@ def test_simpler_law_replaces_an_undetermined_one_only_if_it_leaves_about_as_lit
     assert search.without(end, "asymmetric_friction").rmse / end.rmse > 1.05
     assert 1.05 < reached(search, "coulomb_friction").rmse / end.rmse < 1.2
     assert search.added_effects(found) == ["asymmetric_friction"]
+
+
+def test_simplest_law_is_named_although_its_optimum_lies_between_the_start_values(monkeypatch):
+    """Two branches can be equal, and one of them then has an undetermined share."""
+    monkeypatch.setattr(Search, "alternatives", lambda *args: [])  # as where others are better at these
+
+    def law(time_s, x, v, run):
+        return 20.0 * kelvin_voigt(x, v, 400.0 * maxwell(time_s, x, run, 0.367))
+
+    search = searched(session(5, law), "stress_relaxation", "relaxation_spectrum", base=PRESS)
+    found = most_parsimonious(
+        search, reached(search, "relaxation_spectrum"), measured(search), lambda one: True
+    )
+    assert search.added_effects(found) == ["stress_relaxation"]
 
 
 @pytest.mark.parametrize(
