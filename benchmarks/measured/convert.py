@@ -6,10 +6,10 @@
 Writes FOLDER/import.csv.gz. A recipe (recipes/NAME.yaml) names origin, commit, files, columns, the expected
 answer and the result of benchmarks/measured/ladder.py on which the answer is based. If --from is a git
 repository, bare or not, files are read from the recipe's commit, otherwise from the folder. The recipe alone
-determines whether a recording is used for development or held out, see `split_of`.
+determines whether a recording is used for development or held out, see `split_of`. JPK files and ROS bags
+need the extra `bench`.
 """
 
-import bz2
 import csv
 import fnmatch
 import gzip
@@ -24,8 +24,8 @@ import sys
 import zipfile
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Callable, Iterator, Mapping
-from functools import cache
 from pathlib import Path, PurePosixPath
+from tempfile import NamedTemporaryFile
 from typing import Any
 
 import numpy as np
@@ -211,68 +211,32 @@ def _columns_of(arrays: Mapping[str, Any]) -> Columns:
     return columns
 
 
-def _properties(archive: zipfile.ZipFile, path: str) -> dict[str, str]:
-    lines = archive.read(path).decode("latin-1").splitlines()
-    return {key.strip(): value.strip() for key, _, value in (line.partition("=") for line in lines) if value}
-
-
-_JPK_TYPES = {"short": ">i2", "short-data": ">i2", "integer": ">i4", "integer-data": ">i4"}  # else ">f4"
-
-
-def _jpk_channel(
-    archive: zipfile.ZipFile, segment: str, channel: str, shared: Mapping[str, str], last: str = ""
-) -> NDArray[np.float64]:
-    """Return a channel of a segment, converted up to `last` (default: fully), in m, N or V."""
-    own = _properties(archive, f"{segment}segment-header.properties")
-    number = own.get(f"channel.{channel}.lcd-info.*")
-    prefix, header = (f"channel.{channel}.", own) if number is None else (f"lcd-info.{number}.", shared)
-    kind = own.get(f"channel.{channel}.type") or header.get(f"{prefix}type") or "short"
-    path = own.get(f"channel.{channel}.data.file.name", f"channels/{channel}.dat")
-    raw = np.frombuffer(archive.read(f"{segment}{path}"), _JPK_TYPES.get(kind, ">f4")).astype(np.float64)
-
-    def linear(values: NDArray[np.float64], at: str) -> NDArray[np.float64]:
-        return values * float(header[f"{at}multiplier"]) + float(header[f"{at}offset"])
-
-    encoders = (f"{prefix}encoder.scaling.", f"{prefix}data.encoder.scaling.")
-    if at := next((at for at in encoders if f"{at}multiplier" in header), ""):
-        raw = linear(raw, at)
-    prefix += "conversion-set.conversion"
-    names = header.get(f"{prefix}s.list", "").split()
-    names = names[: names.index(last) + 1] if last in names else names
-    done = {header.get(f"{prefix}s.base", "volts")}
-    for name in names:  # each starts from the result of an earlier one
-        at = f"{prefix}.{name}."
-        if header.get(f"{at}defined", "true") == "false" or f"{at}scaling.multiplier" not in header:
-            done.add(name)
-        elif header.get(f"{at}base-calibration-slot") in done:
-            raw = linear(raw, f"{at}scaling.")
-            done.add(name)
-    return raw
-
-
 def read_jpk(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     """Read the curves of a JPK force file or map: `time`, `height`, `deflection`, `force`, `segment`.
 
     Options: `height`: name of the channel with the height (default `height`).
     """
+    from afmformats.formats.fmt_jpk import jpk_data, jpk_reader  # noqa: PLC0415
+
+    reader = jpk_reader.JPKReader(io.BytesIO(content))
+    height = (options.get("height", "height"), "default")
+    wanted = (height, ("vDeflection", "distance"), ("vDeflection", "force"))
     curves: list[Columns] = []
-    end, wanted = "segment-header.properties", (options.get("height", "height"), "vDeflection", "vDeflection")
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        paths = archive.namelist()
-        of_all = "shared-data/header.properties"
-        shared = _properties(archive, of_all) if of_all in paths else {}
-        groups: dict[str, list[str]] = {}
-        for segment in (path.removesuffix(end) for path in paths if path.endswith(end)):
-            groups.setdefault(segment.split("segments/")[0], []).append(segment)
-        for curve in groups.values():
+        for curve in range(len(reader)):
             parts: list[NDArray[np.float64]] = []
             start = 0.0
-            for number, segment in enumerate(sorted(curve)):
-                duration = float(_properties(archive, f"{segment}{end}")["force-segment-header.duration"])
-                converted = zip(wanted, ("", "distance", ""), strict=True)
-                channels = [_jpk_channel(archive, segment, name, shared, last) for name, last in converted]
-                time = start + np.linspace(0.0, duration, len(channels[-1]), endpoint=False)
-                parts.append(np.stack([time, *channels, np.full(len(time), float(number))]))
+            for segment in reader.get_index_segment_numbers(curve):
+                # `get_data` of this reader fails for curves of more than four segments.
+                about = reader._get_index_segment_properties(curve, segment)
+                folder = reader.get_index_segment_path(curve, segment)
+                channels = [
+                    jpk_data.load_dat_unit(archive.open(f"{folder}channels/{name}.dat"), name, about, slot)[0]
+                    for name, slot in wanted
+                ]
+                duration = about["force-segment-header.duration"]
+                time = start + np.linspace(0.0, duration, len(channels[0]), endpoint=False)
+                parts.append(np.stack([time, *channels, np.full(len(time), float(segment))]))
                 start += duration
             names = ("time", "height", "deflection", "force", "segment")
             curves.append(dict(zip(names, np.concatenate(parts, axis=1), strict=True)))
@@ -333,92 +297,37 @@ def read_json(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     return [{name: np.array([row[name] for row in rows], dtype=np.float64) for name in names}]
 
 
-_ROS_NUMBERS = {  # codes of `struct`
-    **{"bool": "?", "byte": "b", "char": "B", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H"},
-    **{"int32": "i", "uint32": "I", "int64": "q", "uint64": "Q", "float32": "f", "float64": "d"},
-    **{"time": "II", "duration": "ii"},
-}
-
-
-def _blocks(content: bytes) -> Iterator[bytes]:
-    """Yield the parts of a ROS bag, each of which begins with its length."""
-    stream = io.BytesIO(content)
-    while length := stream.read(4):
-        yield stream.read(int.from_bytes(length, "little"))
-
-
-def _bag_fields(content: bytes) -> dict[str, bytes]:
-    """Return the values of a ROS bag header by field name."""
-    return {key.decode(): value for key, _, value in (field.partition(b"=") for field in _blocks(content))}
-
-
-def _bag_records(content: bytes) -> Iterator[tuple[dict[str, bytes], bytes]]:
-    """Yield header fields and data of all records of a ROS bag, including those in its chunks."""
-    blocks = _blocks(content)
-    for header, data in zip(blocks, blocks, strict=True):
-        fields = _bag_fields(header)
-        if fields["op"] == b"\x05":
-            yield from _bag_records(bz2.decompress(data) if fields["compression"] == b"bz2" else data)
-        else:
-            yield fields, data
-
-
-@cache
-def _ros_types(kind: str, definition: str) -> dict[str, list[tuple[str, str]]]:
-    """Return types and names of the fields of a message and of nested ones, by the last part of the type."""
-    first, *others = re.split(r"^=+$", definition, flags=re.MULTILINE)
-    types = {kind.rpartition("/")[2]: first}
-    for other in others:
-        head, _, body = other.strip().partition("\n")
-        types[head.removeprefix("MSG: ").strip().rpartition("/")[2]] = body
-    # Constants, which have a "=", do not match.
-    field = re.compile(r"^\s*([\w/\[\]]+)[ \t]+(\w+)\s*(?:#.*)?$", re.MULTILINE)
-    return {name: field.findall(body) for name, body in types.items()}
-
-
-def _ros_numbers(
-    of: str, types: Mapping[str, list[tuple[str, str]]], data: io.BytesIO, name: str
-) -> Iterator[tuple[str, float]]:
-    """Yield names and values of the numbers in a message field; texts are skipped."""
-
-    def unpacked(code: str) -> tuple[Any, ...]:
-        return struct.unpack(f"<{code}", data.read(struct.calcsize(f"<{code}")))
-
-    if array := re.fullmatch(r"(.+)\[(\d*)\]", of):
-        for i in range(int(array[2] or 0) or unpacked("I")[0]):
-            yield from _ros_numbers(array[1], types, data, f"{name}.{i}")
-    elif of == "string":
-        data.seek(unpacked("I")[0], io.SEEK_CUR)
-    elif code := _ROS_NUMBERS.get(of):
-        number, *nanoseconds = unpacked(code)
-        yield name, float(number) + 1e-9 * sum(nanoseconds)
-    else:
-        for inner, field in types[of.rpartition("/")[2]]:
-            yield from _ros_numbers(inner, types, data, f"{name}.{field}" if name else field)
+def _numbers(value: Any, name: str) -> Iterator[tuple[str, float]]:  # noqa: ANN401
+    """Yield names and values of the numbers in a ROS message, times in s; texts are skipped."""
+    if hasattr(value, "nanosec"):
+        yield name, value.sec + 1e-9 * value.nanosec
+    elif isinstance(value, int | float | np.generic):
+        yield name, float(value)
+    elif not isinstance(value, str):
+        for key, inner in vars(value).items() if hasattr(value, "__msgtype__") else enumerate(value):
+            yield from _numbers(inner, f"{name}.{key}" if name else str(key))
 
 
 def read_bag(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     """Read the numbers of one topic of a ROS 1 bag by name, such as `wrench.force.x` or `position.0`.
 
-    Its chunks must be uncompressed or compressed by bz2. Options: `topic`.
+    Options: `topic`.
 
     Raises:
         FileNotFoundError: the bag has no message of this topic; the text lists its topics.
     """
-    connections: dict[bytes, tuple[str, ...]] = {}  # topic, type and its definition
-    rows: list[dict[str, float]] = []
-    for fields, data in _bag_records(content[content.index(b"\n") + 1 :]):
-        if fields["op"] == b"\x07":
-            about = _bag_fields(data) | {"topic": fields["topic"]}
-            keys = ("topic", "type", "message_definition")
-            connections[fields["conn"]] = tuple(about[key].decode() for key in keys)
-        elif fields["op"] == b"\x02":
-            topic, kind, definition = connections[fields["conn"]]
-            if topic == options["topic"]:
-                rows.append(dict(_ros_numbers(kind, _ros_types(kind, definition), io.BytesIO(data), "")))
-    if not rows:
-        topics = ", ".join(sorted({topic for topic, *_ in connections.values()}))
-        raise FileNotFoundError(f"topic {options['topic']}: no message of it; the bag's topics: {topics}")
+    from rosbags.highlevel import AnyReader  # noqa: PLC0415
+
+    topic = options["topic"]
+    with NamedTemporaryFile(suffix=".bag") as file:
+        file.write(content)
+        file.flush()
+        with AnyReader([Path(file.name)]) as bag:
+            read = [bag.deserialize(data, of.msgtype) for of, _, data in bag.messages() if of.topic == topic]
+            topics = ", ".join(sorted(bag.topics))
+    if not read:
+        raise FileNotFoundError(f"topic {topic}: no message of it; the bag's topics: {topics}")
+    rows = [dict(_numbers(message, "")) for message in read]
     names = [name for name in rows[0] if all(name in row for row in rows)]  # arrays may differ in length
     return [{name: np.array([row[name] for row in rows]) for name in names}]
 
@@ -743,6 +652,8 @@ def main() -> None:
         rows = convert(recipe, Origin(options.origin, recipe["origin"]["commit"]), options.to)
     except FileNotFoundError as error:
         sys.exit(f"{options.name}: {error}")
+    except ModuleNotFoundError as error:
+        sys.exit(f"{options.name}: {error.name} is not installed: pip install '.[bench]'")
     print(f"{options.to / 'import.csv.gz'}: {rows} rows ({split_of(recipe)})")
 
 

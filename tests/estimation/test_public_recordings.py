@@ -1,6 +1,5 @@
 """Recipes of public recordings: conversion, split, ladder and score, on files made here."""
 
-import bz2
 import csv
 import gzip
 import hashlib
@@ -115,53 +114,38 @@ def test_conversion_scales_zeroes_and_numbers_runs(tmp_path):
     np.testing.assert_allclose(table["force_N"][:6], 2 * np.arange(6) + np.arange(6) + 6.5)
 
 
-WRENCH = """string frame
-uint32[2] counts
-int8 BUSY=3
-time stamp
-Wrench wrench
-================================================================================
-MSG: geometry_msgs/Wrench
-float64 force  # N
-float64 torque
-"""
-
-
-def bag_record(fields, data):
-    """One record of a ROS bag."""
-    header = b"".join(
-        struct.pack("<I", len(key) + 1 + len(value)) + key + b"=" + value for key, value in fields.items()
-    )
-    return struct.pack("<I", len(header)) + header + struct.pack("<I", len(data)) + data
-
-
-def write_bag(path, rows):
-    """A bag of stamps, forces and torques of a topic, and of one message of another topic, in a bz2 chunk."""
-    records = b""
-    for number, topic in ((0, b"/wrench"), (1, b"/other")):
-        about = {b"topic": topic, b"type": b"a_msgs/Reading", b"message_definition": WRENCH.encode()}
-        inner = bag_record(about, b"")
-        size = struct.unpack("<I", inner[:4])[0]
-        fields = {b"op": b"\x07", b"conn": struct.pack("<I", number), b"topic": topic}
-        records += bag_record(fields, inner[4 : 4 + size])
-    for number, (second, nanosecond, force, torque) in [(0, row) for row in rows] + [(1, (9, 9, 9.0, 9.0))]:
-        message = (
-            struct.pack("<I", 3) + b"arm" + struct.pack("<IIIIdd", 7, 8, second, nanosecond, force, torque)
-        )
-        records += bag_record({b"op": b"\x02", b"conn": struct.pack("<I", number)}, message)
-    chunk = bag_record({b"op": b"\x05", b"compression": b"bz2"}, bz2.compress(records))
-    path.write_bytes(b"#ROSBAG V2.0\n" + bag_record({b"op": b"\x03"}, b"   ") + chunk)
-
-
 def test_files_with_clocks_of_their_own_are_joined_at_the_times_of_the_first(tmp_path):
-    write_bag(tmp_path / "a.bag", [(second, 0, 10.0 * second, 0.0) for second in (10, 11, 12, 13)])
-    (tmp_path / "a.txt").write_text("0.5;1\n2.5;5\n")  # ten seconds behind
-    read = {"format": "bag", "topic": "/wrench", "files": ["a.bag", "a.txt"], "join": ["ft", "stage"]}
-    read |= {"apart": {"stage": {"format": "text", "delimiter": ";"}}}
-    read |= {"clocks": {"ft": ["stamp", 0], "stage": ["0", 10.0]}}
-    columns = {"time_s": "ft.stamp", "x_m": "stage.1", "force_N": "ft.wrench.force", "count": "ft.counts.1"}
-    table = converted(tmp_path, columns, **read)
-    assert table == {"time_s": [11, 12], "x_m": [2, 4], "force_N": [110, 120], "count": [8, 8], "run": [0, 0]}
+    (tmp_path / "a.txt").write_text("10;100\n11;110\n12;120\n13;130\n")
+    (tmp_path / "b.txt").write_text("0.5,1\n2.5,5\n")  # ten seconds behind
+    read = SEMICOLONS | {"join": ["ft", "stage"], "apart": {"stage": {"delimiter": ","}}}
+    read |= {"clocks": {"ft": ["0", 0], "stage": ["0", 10.0]}}
+    table = converted(tmp_path, {"time_s": "ft.0", "x_m": "stage.1", "force_N": "ft.1"}, **read)
+    assert table == {"time_s": [11, 12], "x_m": [2, 4], "force_N": [110, 120], "run": [0, 0]}
+
+
+def test_bag_gives_times_and_numbers_of_one_topic(tmp_path):
+    bags = pytest.importorskip("rosbags.rosbag1", reason="rosbags is not installed")
+    typesys = pytest.importorskip("rosbags.typesys")
+    types = typesys.get_typestore(typesys.Stores.ROS1_NOETIC)
+    state, kind = types.types["sensor_msgs/msg/JointState"], "sensor_msgs/msg/JointState"
+    header, time = types.types["std_msgs/msg/Header"], types.types["builtin_interfaces/msg/Time"]
+    writer = bags.Writer(tmp_path / "a.bag")
+    writer.set_compression(writer.CompressionFormat.BZ2)
+    with writer as bag:
+        for topic, torque in (("/arm", 3.0), ("/other", 9.0)):
+            link = bag.add_connection(topic, kind, typestore=types)
+            for second in (2, 1):
+                efforts = np.array([0.0, torque * second])
+                message = state(
+                    header(7, time(second, 500), "base"), ["q"], efforts[:1], efforts[:0], efforts
+                )
+                bag.write(link, second, types.serialize_ros1(message, kind))
+    read = {"format": "bag", "files": ["a.bag"]}
+    columns = {"time_s": "header.stamp", "torque_Nm": "effort.1", "number": "header.seq"}
+    table = converted(tmp_path, columns, **read, topic="/arm")
+    assert table == {"time_s": [1.0000005, 2.0000005], "torque_Nm": [3, 6], "number": [7, 7], "run": [0, 0]}
+    with pytest.raises(FileNotFoundError, match="the bag's topics: /arm, /other"):
+        converted(tmp_path, columns, **read, topic="/leg")
 
 
 def test_links_of_a_chain_add_their_sines_to_an_igor_wave(tmp_path):
