@@ -385,7 +385,9 @@ class RigidBody:
         """
         model, data = self._model, self._data
         if list(model.parents[1:]) != list(range(model.nv)):
-            raise InputError("URDF: the joints branch, expected one chain from base to tip")
+            raise InputError(
+                "URDF: the arm has branches, but its joints must form one chain from base to tip"
+            )
         # At the world's origin; Pinocchio drops the second axis of an arm with one joint.
         jacobian = pin.computeJointJacobians(model, data, np.zeros(model.nq)).reshape(6, model.nv)
         axes = []

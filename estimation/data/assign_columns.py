@@ -543,8 +543,8 @@ def _with_one_rate(
     if run is not None or (np.diff(times := table.numbers(time)) < 0.0).any():
         listed = ", ".join(map(repr, names))
         raise InputError(
-            f"{table.path}: no row has values in all of {listed}; save each run in its own file, with "
-            "its rows in order of time"
+            f"{table.path}: too few rows have values in all of {listed}; save each run in its own file, with "
+            "its rows in order of time, so that the missing values can be interpolated"
         )
     base = next((name for name in efforts if sparse.get(name, 1.0) <= _SLOW * sparse[slowest]), slowest)
     columns, inside = table.columns, filled_by_name[base].copy()

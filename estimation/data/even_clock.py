@@ -85,8 +85,8 @@ def note_uneven(time_s: FloatArray, run: IntArray, motions: FloatArray) -> str:
     if not is_enough or not _advances_alike(quick, others, motions):
         return ""
     return (
-        f"{np.sum(quick)} of {count} rows come {np.median(steps_s[quick]):.3g} s after the previous row and "
-        f"the others {np.median(steps_s[others]):.3g} s, but the motion advances equally far in both"
+        f"{np.sum(quick)} of {count} steps take {np.median(steps_s[quick]):.3g} s and the other steps take "
+        f"{np.median(steps_s[others]):.3g} s, but the motion advances equally far in all of them"
     )
 
 

@@ -446,7 +446,9 @@ def _note_unused_velocity(
         ratio = mistaken_scale(rows.time_s, position, velocity, rows.run)
         if ratio is not None and np.isfinite(ratio):
             likely = _unit_example(columns, source, ratio)
-            gear = "; a gear between them also explains this" * (source.kind.is_angle and not likely)
+            gear = "; a gear between the two sensors would also explain this factor" * (
+                source.kind.is_angle and not likely
+            )
             yield (
                 f"column '{guess.column}', which is not used, is {ratio:.3g} times the rate of change of "
                 f"'{columns.name(source.position)}'; if a unit is wrong, correct it with --unit{likely}{gear}"

@@ -105,7 +105,7 @@ def check_residuals(
     excess = exceeds_noise(end, measurement, rng)
     if not excess:
         return _oscillation(end)
-    swings = f" and oscillates at {excess.frequency_hz:.3g} Hz" if excess.frequency_hz else ""
+    swings = f"; it oscillates at {excess.frequency_hz:.3g} Hz" if excess.frequency_hz else ""
     return ResidualFinding(
         f"the residual {excess.where}, {with_unit(excess.acting, unit)}, is "
         f"{excess.acting / excess.expected:.0f} times the noise {excess.reference} and does not "

@@ -45,9 +45,10 @@ def doctor_command(  # noqa: PLR0917, one parameter an option
     yes: Annotated[bool, Option("--yes", help="With --wire: do not ask before the arm gets power.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Check this machine, or with --robot an arm: limits, ports, devices and rates; with --move, also signs.
+    """Check this machine, or with --robot the limits, ports, devices and rates of an arm.
 
-    The exit code is 0 if no check fails, else 1. The arm gets no power without --move and a confirmation.
+    With --move, also check the signs of its joints and of its force. The exit code is 0 if no check fails,
+    else 1. The arm gets no power without --move and a confirmation.
     """
     if robot is None:
         given = {"--wire": wire, "--as-built": as_built, "--move": move, "--yes": yes, "--drivers": drivers}

@@ -17,7 +17,7 @@ BOTH = "both.rrd"  # name of a leader's and a follower's recording
 PIXELS = (1600, 1000)  # width and height of a picture
 
 
-_OTHER = "Session of the other side (palpate teleop), shown on the same timeline."
+_OTHER = "The other session of a teleoperation (leader's or follower's), shown on the same timeline."
 _SAVE = "Write the recording here instead of opening a window."
 _SCREENSHOT = "Save a picture of the arm during the hold."
 

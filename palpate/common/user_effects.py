@@ -200,9 +200,11 @@ def _parameter_flaws(effect_type: type[Effect]) -> Iterator[tuple[str, str]]:
     """Yield `gains` or `inner` with each error in a parameter."""
     pairs = [(group, p) for group in ("gains", "inner") for p in getattr(effect_type, group)]
     for what, p in pairs:
-        if not (p.lower < p.upper and p.typical[0] <= p.typical[1]):
-            bounds = f"bounds {p.lower:g} and {p.upper:g} and typical range {p.typical}"
-            yield what, f"{bounds} of parameter '{p.name}' are not in ascending order"
+        if not p.lower < p.upper:
+            bounds = f"the bounds of parameter '{p.name}', {p.lower:g} and {p.upper:g},"
+            yield what, f"{bounds} are not in ascending order"
+        elif not p.typical[0] <= p.typical[1]:
+            yield what, f"the typical range of parameter '{p.name}', {p.typical}, is not in ascending order"
         elif not p.lower <= p.typical[0] <= p.typical[1] <= p.upper:
             yield (
                 what,

@@ -118,7 +118,10 @@ class EstimateStream:
                 self._jumps = self._jumps + 1 if now_s - self._jumped_s < _RECOVERY_S else 1
                 self._jumped_s = now_s
                 if self._jumps >= _JUMPS:
-                    self.problem = f"its position jumps by {change_rev:.2f} turns (or its encoder fails)"
+                    self.problem = (
+                        f"the position jumps by {change_rev:.2f} turns; if only one axis has this id, its "
+                        "encoder fails"
+                    )
                 return False
         self._position_rev, self._velocity_rev_s, self._accepted_s = position_rev, velocity_rev_s, now_s
         return not self.problem

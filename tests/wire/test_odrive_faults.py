@@ -333,7 +333,7 @@ def test_axis_that_joins_with_a_used_id_gets_no_power(make_robot):
 @pytest.mark.parametrize(
     ("joint", "off_rad", "supply_v", "most", "said"),
     [
-        (2, 0.0, 24.0, 4, "its position jumps by"),
+        (2, 0.0, 24.0, 4, "the position jumps by"),
         (0, 1e-3, 24.0, 70, "more than 1400 estimates per second"),
         (0, 0.0, 23.9, 60, "answers requests twice"),
     ],
