@@ -24,8 +24,8 @@ def remaining_strain(  # noqa: PLR0917
 ) -> FloatArray:
     """Return what remains of a strain or elastic force after relaxation in contact and in free air.
 
-    In free air, time passes more slowly, by `ChannelData.recovery_ratio`. For one branch, this is exact; see
-    `free_surface_memory`.
+    In free air, time passes more slowly, by `ChannelData.recovery_ratio`. For one branch without a damper,
+    this is exact; see `free_surface_memory`.
 
     Args:
         memory: function of a signal, the times (n,) [s], the run numbers (n,) and `independent_runs`; it

@@ -172,7 +172,9 @@ def _free_surface(data: ChannelData, base: Model, held: FitResult, free: FitResu
         return data
     values = free.values
     shares = values["relaxation_spectrum.fast"] + values["relaxation_spectrum.slow"]
-    retardation_s = values["damping.c"] / values["stiffness.k"]
+    # Of a purely cubic object, the linear stiffness is zero.
+    secant = values["stiffness.k"] + values["cubic_stiffness.k3"] * data.deepest**2
+    retardation_s = values["damping.c"] / max(secant, 1e-300)
     ratio = max(1.0 - float(shares), _SMALLEST_RATIO)
     return replace(data, recovery_ratio=ratio, retardation_s=retardation_s)
 

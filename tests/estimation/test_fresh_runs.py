@@ -207,6 +207,14 @@ def test_recovery_of_an_object_with_little_lasting_stiffness(k):
     assert recovery(data)[:2] == (False, pytest.approx(k / (k + 500.0), rel=0.015))
 
 
+@pytest.mark.usefixtures("whole_budget")
+def test_recovery_of_an_object_without_linear_stiffness():
+    """Two branches bear 80 % of a force that grows with the cube of the depth."""
+    law = partial(free_surface, k=2e6, branches=[(4e6, 0.1), (4e6, 1.5)])
+    data = session(63, lambda t, x, v, run: law(t, x**3, v, run))
+    assert recovery(data) == (False, pytest.approx(0.2, rel=0.01), pytest.approx(0.0, abs=1e-3))
+
+
 RATES, SHARES = np.array([5.0, 0.5]), np.array([0.4, 0.3])
 
 
@@ -214,6 +222,7 @@ RATES, SHARES = np.array([5.0, 0.5]), np.array([0.4, 0.3])
     "memory",
     [
         lambda strain, data: free_surface_memory(strain, data, RATES, SHARES),
+        lambda strain, data: free_surface_memory(strain, replace(data, retardation_s=0.3), RATES, SHARES),
         lambda strain, data: remaining_strain(
             partial(relax, tau_s=1.0), strain, data.time_s, data.run, data, data.engaged
         ),
