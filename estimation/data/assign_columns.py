@@ -240,9 +240,8 @@ def assign_columns(table: Table, options: ImportOptions) -> ColumnAssignment:
     return ColumnAssignment(table, assigned, run, phase, tuple(notes), two_sided, shift)
 
 
-_FAR_FROM_ZERO = (
-    2.0  # ratio of a displacement's mean to its range above which the stiffness depends on its zero
-)
+# Ratio of a displacement's mean to its range above which the stiffness depends on its zero.
+_FAR_FROM_ZERO = 2.0
 _ROW_NUMBER = "row number"  # column that stands for the time if there is none and its unit is given
 
 

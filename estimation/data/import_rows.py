@@ -87,9 +87,9 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
         notes.append((_REPEATED_NOTE if repeats else _PACKETS_NOTE).format(len(order), *clock))
     if TIME not in columns:
         notes.append(
-            "no time column was found, so rows are assumed to be 1 s apart, and speeds, damping, inertia and "
-            f"relaxation times count rows instead of seconds; {columns.clock_advice}; "
-            f"{_interval_advice(columns, run)}"
+            "no time column was found, so rows are assumed to be 1 s apart, and the unit of time in speeds, "
+            "damping, inertia and relaxation times is one row instead of one second; "
+            f"{columns.clock_advice}; {_interval_advice(columns, run)}"
         )
     elif (added_s := float(np.max(times_s - columns.values(TIME)))) > 0.0:
         notes.append(

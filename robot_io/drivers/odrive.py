@@ -160,7 +160,7 @@ class OdriveBus(MotorBus):
                     raise self._motor_error(joint, f"{problem} {stated_s:g}; {remedy}")
                 if _is_double(share[joint]):
                     problem = f"heartbeats come twice as often as stated (heartbeat_s: {stated_s:g})"
-                    raise self._two_axes(joint, f"{problem}; if only one axis has it, {remedy}")
+                    raise self._two_axes(joint, f"{problem}; if only one axis has this id, {remedy}")
         for joint, count in enumerate(self._answers):
             if count:
                 setting = odrive.VOLTAGE_PERIOD[self._settings.firmware]
@@ -539,8 +539,7 @@ class OdriveBus(MotorBus):
         return (
             f"exerts {abs(self._short_nm[joint]):.2f} of {abs(self._sent_nm[joint]):.2f} N m at the motor; "
             "check whether a setting limits torques; the velocity limiter is on by default; to switch it "
-            "off, "
-            f"set {odrive.ENABLE_VELOCITY_LIMIT} = False"
+            f"off, set {odrive.ENABLE_VELOCITY_LIMIT} = False"
         )
 
     def _loss(self, beat: Heartbeat) -> str:

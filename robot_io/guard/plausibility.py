@@ -323,8 +323,7 @@ _PAUSE_S = 0.1  # time without a command after which the next command counts as 
 
 _DRIVE_REMEDY = (
     "check the drive's supply and connectors, and restart it; palpate doctor checks it; if it follows "
-    "commands "
-    "and only reports its torque wrongly, raise limits.unresponsive_drive_s"
+    "commands and only reports its torque wrongly, raise limits.unresponsive_drive_s"
 )
 
 
