@@ -29,6 +29,7 @@ from tempfile import NamedTemporaryFile
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import python_calamine
 import yaml
 from nptdms import TdmsFile
@@ -356,27 +357,18 @@ def read_tdms(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 
 
 def read_quoted(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
-    """Read a text table with quoted cells that hold a number or a list of numbers: `name.0`, `name.1` ...
+    """Read a CSV file with quoted cells that hold a number or a list of numbers: `name.0`, `name.1` ...
 
-    Its first row holds the names. Options: `delimiter` (default: comma).
-
-    Returns:
-        One table with the columns whose first cell is a number or a flat list in brackets. Cells of another
-        form become NaN.
+    Its first row holds the names. Cells of another form become NaN.
     """
-    text = io.StringIO(content.decode("utf-8-sig", "replace"), newline="")
-    names, *rows = csv.reader(text, delimiter=options.get("delimiter", ","))
+    del options
     columns: dict[str, NDArray[np.float64]] = {}
-    for name, cells in zip(names, zip(*rows, strict=True), strict=True):
-        is_list = re.fullmatch(r"\[[^][]+\]", cells[0]) is not None
-        numbers = [re.split(r"[,\s]+", cell.strip("[] \n")) if is_list else [cell] for cell in cells]
-        values = np.full((len(cells), len(numbers[0])), np.nan)
-        for row, found in zip(values, numbers, strict=True):
-            if len(found) == len(row):
-                row[:] = [_number(cell, ".") for cell in found]
-        if np.isfinite(values[0]).all():
-            columns |= {f"{name}.{i}": column for i, column in enumerate(values.T)} if is_list else {}
-            columns |= {} if is_list else {name: values[:, 0]}
+    for name, cells in pd.read_csv(io.BytesIO(content)).items():
+        if pd.api.types.is_numeric_dtype(cells):
+            columns[str(name)] = cells.to_numpy(np.float64)
+        else:
+            for i, part in cells.str.strip("[] \n").str.split(r"[,\s]+", expand=True, regex=True).items():
+                columns[f"{name}.{i}"] = pd.to_numeric(part, errors="coerce").to_numpy(np.float64)
     return [columns]
 
 

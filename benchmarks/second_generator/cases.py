@@ -167,7 +167,7 @@ class _Reader:
         self.floor = float(np.sqrt(np.mean(rest**2)))
 
     def sampled(self, signal: Array) -> Array:
-        return readings.at(self.world.motion, self.times, signal)
+        return np.interp(self.times, self.world.motion.t, signal)  # time continues between runs
 
     def positions(self, x: Array) -> Array:
         rng = np.random.default_rng([self.seed, 1])
@@ -175,7 +175,7 @@ class _Reader:
 
     def noise(self, effort: Array) -> Array:
         rng = np.random.default_rng([self.seed, 2])
-        return self.sigma * readings.noise(rng, self.reading, effort, self.run)
+        return self.sigma * readings.noise(rng, self.reading, effort)
 
     def through_position(self, read: Array, *, whole: bool = False) -> Array:
         """Return the effort that position errors cause through the simple law: its RMS, or all samples."""

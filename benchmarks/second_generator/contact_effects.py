@@ -9,7 +9,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from .motion import FINE_HZ, Array
 from .sensor_effects import SENSOR, crosstalk
-from .world import CaseWorld, Effect, HiddenEffect
+from .world import CaseWorld, Effect, HiddenEffect, by_name
 
 
 def sawtooth(w: CaseWorld, period: float) -> Array:
@@ -142,14 +142,14 @@ def tool_compliance(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     return HiddenEffect(adds=force - push, one_sided=True, truth={"compliance": compliance})
 
 
-CONTACT: dict[str, Effect] = {
-    effect.__name__: effect
-    for effect in (
+CONTACT = (
+    by_name(
         *(cubic_stiffness, power_law_stiffness, hunt_crossley, layered_stiffness, stress_relaxation),
         *(relaxation_spectrum, quadratic_damping, adhesion, plastic_set, dry_friction),
         *(contact_offset, tool_compliance),
     )
-} | SENSOR
+    | SENSOR
+)
 
 
 def _buckling(w: CaseWorld, s: float, u: Array) -> HiddenEffect:

@@ -9,11 +9,10 @@ import numpy as np
 from .contact_effects import sawtooth, thinned, warming
 from .motion import Array
 from .sensor_effects import SENSOR, crosstalk
-from .world import CaseWorld, Effect, HiddenEffect, play
+from .world import CaseWorld, Effect, HiddenEffect, by_name, play
 
-GRAVITY = (
-    9.81  # as in the model of the arm; otherwise the fourth digit of g would decide about a light payload
-)
+# As in the model of the arm; otherwise the fourth digit of g would decide about a light payload.
+GRAVITY = 9.81
 
 
 def _sign(w: CaseWorld) -> Array:
@@ -148,18 +147,12 @@ def presliding_friction(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
 
 
 # where each is best hidden: the simple model must not absorb it
-IN_RIGID_BODY = {
-    effect.__name__: effect for effect in (payload, armature, torque_gain, viscous_friction, gravity_tilt)
-}
+IN_RIGID_BODY = by_name(payload, armature, torque_gain, viscous_friction, gravity_tilt)
 JOINT: dict[str, Effect] = {
-    **{
-        effect.__name__: effect
-        for effect in (
-            *(coulomb_friction, stribeck_friction, asymmetric_friction, load_dependent_friction),
-            *(quadratic_friction, torque_ripple, joint_spring, backlash, joint_elasticity),
-            presliding_friction,
-        )
-    },
+    **by_name(
+        *(coulomb_friction, stribeck_friction, asymmetric_friction, load_dependent_friction),
+        *(quadratic_friction, torque_ripple, joint_spring, backlash, joint_elasticity, presliding_friction),
+    ),
     **IN_RIGID_BODY,
     "torque_ripple (harmonics)": ripple_with_harmonics,
     **{name: SENSOR[name] for name in ("bias", "lag", "delay", "drift", "hysteresis", "quantisation")},

@@ -17,9 +17,7 @@ class ReadingChain:
 
     rate_hz: float  # sample rate
     irregular: bool  # times jitter, and some rows are lost
-    steps: tuple[
-        int, ...
-    ]  # encoder steps per turn of each joint; one entry for a joint, three for an arm's tip
+    steps: tuple[int, ...]  # encoder steps per turn: one entry for a joint, three for an arm's tip
     digits_m: float  # rounding of a printed position; 0 for none
     velocity: str  # "none" (the file has no such column), "derived" (by its user) or "given" (a tachometer)
     color: str  # color of the effort's noise: "white", "ar1" or "proportional"
@@ -82,7 +80,7 @@ def read_position(rng: Generator, reading: ReadingChain, x: Array, *, arm: bool)
     return (height - tool) - tip
 
 
-def noise(rng: Generator, reading: ReadingChain, effort: Array, run: Array) -> Array:
+def noise(rng: Generator, reading: ReadingChain, effort: Array) -> Array:
     """Return noise of RMS 1: white, first-order autoregressive over 10 samples, or growing with effort."""
     white = rng.standard_normal(len(effort))
     if reading.color == "ar1":
@@ -118,11 +116,6 @@ def slope(times: Array, x: Array, run: Array, half: int) -> Array:
         before, after = rows[np.maximum(index - half, 0)], rows[np.minimum(index + half, len(rows) - 1)]
         out[rows] = (x[after] - x[before]) / (times[after] - times[before])
     return out
-
-
-def at(motion: TrueMotion, times: Array, signal: Array) -> Array:
-    """Interpolate a fine signal at the times of samples (time never decreases, so once is enough)."""
-    return np.interp(times, motion.t, signal)
 
 
 def run_at(motion: TrueMotion, times: Array) -> Array:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from .motion import Array
-from .world import CaseWorld, Effect, HiddenEffect, play
+from .world import CaseWorld, HiddenEffect, by_name, play
 
 
 def bias(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
@@ -59,10 +59,7 @@ def quantisation(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     return HiddenEffect(senses=lambda f: np.round(f / step) * step, truth={"step": step})
 
 
-SENSOR: dict[str, Effect] = {
-    effect.__name__: effect
-    for effect in (bias, drift, lag, delay, saturation, deadband, hysteresis, quantisation)
-}
+SENSOR = by_name(bias, drift, lag, delay, saturation, deadband, hysteresis, quantisation)
 AFTER_NOISE = frozenset({"saturation", "quantisation"})
 
 

@@ -119,6 +119,11 @@ class HiddenEffect:
 Effect = Callable[[CaseWorld, float, Array], HiddenEffect]
 
 
+def by_name(*effects: Effect) -> dict[str, Effect]:
+    """Return effects by the names of their functions."""
+    return {effect.__name__: effect for effect in effects}
+
+
 def effort_and_position(world: CaseWorld, hidden: Iterable[HiddenEffect]) -> tuple[Array, Array]:
     """Return the sensed effort without noise, and the read position without steps."""
     some = list(hidden)
