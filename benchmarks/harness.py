@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import psutil  # type: ignore[import-untyped]
 from rich.console import Console
 from rich.table import Column, Table
 from threadpoolctl import threadpool_limits
@@ -85,6 +86,12 @@ def parallel(work: Callable[..., Any], jobs: Iterable[Sequence[Any]], processes:
         except BaseException:
             pool.shutdown(cancel_futures=True)  # otherwise the other jobs run before the error is shown
             raise
+
+
+def resident_mb(process: psutil.Process) -> float:
+    """Return the resident memory of a process and all its descendants [MB]."""
+    every = (process, *process.children(recursive=True))
+    return float(sum(member.memory_info().rss for member in every)) / 1e6
 
 
 @contextmanager

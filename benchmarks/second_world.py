@@ -11,17 +11,18 @@ from which `--table` makes the tables again. With `--removed`, the cases with on
 library that lacks this effect and every law that contains it: the right verdict is unexplained.
 """
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from harness import arguments, json_lines, parallel
+from pydantic import TypeAdapter
 from second_generator.cases import grid
-from second_generator.judge import CaseOutcome, from_record, run, table
+from second_generator.judge import CaseOutcome, run, table
 
 
 def read(path: Path) -> list[CaseOutcome]:
     """Read the outcomes of an earlier run."""
-    return [from_record(line) for line in path.read_text().splitlines()]
+    return [TypeAdapter(CaseOutcome).validate_json(line) for line in path.read_text().splitlines()]
 
 
 def main() -> None:
@@ -53,7 +54,7 @@ def main() -> None:
         for outcome in filter(None, parallel(run, tasks, options.processes)):
             outcomes.append(outcome)
             print(outcome.line(), flush=True)
-            write(outcome.record())
+            write(asdict(outcome))
     outcomes.sort(key=lambda outcome: outcome.job.number)
     print(f"\n{len(jobs) - len(outcomes)} of {len(jobs)} cases cannot be hidden in any world drawn")
     print(f"\n{table(outcomes)}")

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import psutil
-from harness import ROBOTS, arguments
+from harness import ROBOTS, arguments, resident_mb
 
 from palpate.control.loop.loop import run_loop
 from palpate.control.loop.result import Outcome
@@ -154,12 +154,6 @@ def probe(name: str, rng: np.random.Generator, tally: Tally) -> None:
         tally.trouble.append(f"{name}, seed {seed}: {outcome} without a fault: {cause}")
 
 
-def resident_mb() -> float:
-    """Return the resident memory of this process [MB]."""
-    gc.collect()
-    return float(psutil.Process().memory_info().rss) / 1e6
-
-
 def main() -> None:
     """Probe for the requested time."""
     known = sorted(path.stem for path in ROBOTS.glob("*.yaml") if ".dh" not in path.name)
@@ -177,10 +171,11 @@ def main() -> None:
             probe(next(names), rng, tally)
             print("".join(f"{line}\n" for line in tally.trouble[known_trouble:]), end="", flush=True)
             if tally.simulated_s > len(memory_mb) * limit_s / 20.0:
-                memory_mb.append(resident_mb())
+                gc.collect()
+                memory_mb.append(resident_mb(psutil.Process()))
                 hours = tally.simulated_s / 3600.0
                 print(f"{hours:.2f} h, {dict(tally.runs)}, {memory_mb[-1]:.0f} MB", flush=True)
-    steady = memory_mb[2:] or memory_mb or [resident_mb()]
+    steady = memory_mb[2:] or memory_mb or [np.nan]
     print(
         f"{tally.simulated_s / 3600:.2f} h in {tally.runs.total()} runs: {dict(tally.runs)}; faults begun: "
         f"{dict(tally.injected)}; {tally.checked} values served as OK were checked; "

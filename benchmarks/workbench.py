@@ -18,7 +18,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import psutil  # type: ignore[import-untyped]
-from harness import PALPATE, arguments, run_palpate
+from harness import PALPATE, arguments, resident_mb, run_palpate
 from playwright.sync_api import Page, sync_playwright
 
 from palpate.robot_io.types import FloatArray
@@ -42,12 +42,6 @@ def served(command: Sequence[str], port: int, folder: Path) -> Iterator[psutil.P
     finally:
         process.terminate()
         process.wait()
-
-
-def megabytes(process: psutil.Process) -> float:
-    """Return the resident memory of a process and all its descendants [MB]."""
-    every = (process, *process.children(recursive=True))
-    return float(sum(member.memory_info().rss for member in every)) / 1e6
 
 
 def ticks(page: Page, effects: Sequence[str], pause_s: float = 0.0) -> FloatArray:
@@ -89,10 +83,10 @@ def measure_workbench(page: Page, session: Path, folder: Path, count: int) -> No
         print_times("at once, hardly anything fitted ahead", ticks(page, np.repeat(EFFECTS, 2).tolist(), 0.3))
         ticks(page, EFFECTS[:1] * 20)
         page.wait_for_timeout(3000)
-        before = megabytes(process)
+        before = resident_mb(process)
         print_times("many", ticks(page, EFFECTS[:1] * count))
         page.wait_for_timeout(3000)
-        after = megabytes(process)
+        after = resident_mb(process)
         print(f"memory of all processes: {before:.0f} MB, after {count} ticks {after / before - 1:+.1%}")
 
 

@@ -136,14 +136,11 @@ def read_text(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 def read_workbook(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     """Read sheets of an Excel file; `skip` as in `read_text`.
 
-    Options: `sheet`: number of the sheet (default 0), or `sheets`: pattern of sheet names, or a list of
-    them.
+    Options: `sheets`: pattern of sheet names, or a list of them (default: the first sheet).
     """
     book = python_calamine.CalamineWorkbook.from_filelike(io.BytesIO(content))
-    chosen = book.sheet_names[options.get("sheet", 0) :][:1]
-    if "sheets" in options:
-        wanted = options["sheets"]
-        chosen = wanted if isinstance(wanted, list) else fnmatch.filter(book.sheet_names, wanted)
+    wanted = options.get("sheets", book.sheet_names[:1])
+    chosen = wanted if isinstance(wanted, list) else fnmatch.filter(book.sheet_names, wanted)
     skip = options.get("skip", 1)
     tables: list[Columns] = []
     for sheet in chosen:

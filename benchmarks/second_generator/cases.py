@@ -156,7 +156,8 @@ class _Reader:
         self, rng: Generator, reading: readings.ReadingChain, world: CaseWorld, times: Array
     ) -> None:
         self.reading, self.world, self.times = reading, world, times
-        self.run = readings.run_at(world.motion, times)
+        before = np.searchsorted(world.motion.t, times - 0.25 / motion.FINE_HZ)
+        self.run = world.motion.run[before.clip(0, len(world.motion.t) - 1)]
         self.seed = int(rng.integers(2**31))
         self.arm = world.kind == "contact" and not reading.digits_m
         plain, x = self.sampled(world.plain), self.sampled(world.motion.x)

@@ -3,13 +3,12 @@
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
-from pydantic import TypeAdapter
 
 from palpate.estimation.diagnosis import ChannelDiagnosis, diagnose
 from palpate.estimation.diagnosis.candidates import effect_library
@@ -52,10 +51,7 @@ class CaseOutcome:
     verdict: str
     reason: str
     accepted: list[str]
-    first_group: list[str]
-    complete: bool | None
     remaining_times_floor: float | None
-    rmse: tuple[float, float] | None
     right: bool
     first: bool
     exact: bool
@@ -75,16 +71,6 @@ class CaseOutcome:
             f"{asked} ({self.job.sort}, {self.strength:.0f}) -> {self.verdict}: {named}{ratio} "
             f"[{self.world}; {self.samples} samples, {self.seconds:.1f} s]"
         )
-
-    def record(self) -> dict[str, Any]:
-        """Return all fields as plain data."""
-        intervals = [asdict(interval) | {"holds": interval.holds} for interval in self.intervals]
-        return asdict(self) | {"intervals": intervals}
-
-
-def from_record(line: str) -> CaseOutcome:
-    """Restore an outcome from its JSON record."""
-    return TypeAdapter(CaseOutcome).validate_json(line)
 
 
 def run(job: CaseSpec, seed: int) -> CaseOutcome | None:
@@ -136,12 +122,7 @@ def evaluate_case(case: GeneratedCase, seed: int, diagnosis: ChannelDiagnosis, s
         verdict=verdict,
         reason=diagnosis.reason,
         accepted=names,
-        first_group=group,
-        complete=diagnosis.complete,
         remaining_times_floor=diagnosis.remaining.times_floor if diagnosis.remaining else None,
-        rmse=(diagnosis.baseline.rmse, diagnosis.final.rmse)
-        if diagnosis.baseline and diagnosis.final
-        else None,
         right=right,
         first=first,
         exact=set(names) in right_sets,

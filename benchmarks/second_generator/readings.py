@@ -6,7 +6,7 @@ import numpy as np
 from numpy.random import Generator
 from scipy.signal import lfilter, savgol_filter
 
-from .motion import FINE_HZ, Array, TrueMotion
+from .motion import Array, TrueMotion
 
 LINKS_M = (0.30, 0.25, 0.10)
 
@@ -116,8 +116,3 @@ def slope(times: Array, x: Array, run: Array, half: int) -> Array:
         before, after = rows[np.maximum(index - half, 0)], rows[np.minimum(index + half, len(rows) - 1)]
         out[rows] = (x[after] - x[before]) / (times[after] - times[before])
     return out
-
-
-def run_at(motion: TrueMotion, times: Array) -> Array:
-    """Return the run of each sample."""
-    return motion.run[np.searchsorted(motion.t, times - 0.25 / FINE_HZ).clip(0, len(motion.t) - 1)]
