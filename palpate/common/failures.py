@@ -166,7 +166,7 @@ _NUMBERS = {"runs": "runs", "from": "start", "revision": "revision"}
 _TEXTS = {"model": "model", "channel": "channel", "urdf": "arm", "table": "table"}
 _FLAGS = {"fresh-runs": "fresh", "fresh": "fresh", "apply": "apply"}
 _KEYWORDS = _LISTS | _NUMBERS | _TEXTS
-_WORD = r"""(?:'[^']*'|"[^"]*"|[^\s'",;:()])+(?:,\d+)*"""
+_WORD = r"""(?:'[^']*'|"[^"]*"|[^\s'",;:()])+(?:,\d+)*(?<!\.)"""
 _OPTION = re.compile(
     rf"--(?P<pair>{'|'.join(_PAIRS)})(?: (?P<key>[\w ]+?)=(?P<value>{_WORD}))?(?![\w-])"
     rf"|--(?P<flag>{'|'.join(_FLAGS)})(?![\w-])"

@@ -94,6 +94,7 @@ OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
         ("as in --column force='column 3' --unit force=N --column time=t",
          'as in columns={"force": "column 3", "time": "t"}, units={"force": "N"}'),
         ("add --column run='no. 1', it says", 'add columns={"run": "no. 1"}, it says'),
+        ("add --unit force=0.1N/V. Valid: N", 'add units={"force": "0.1N/V"}. Valid: N'),
         ("takes --where run=0,2; --column, --unit and --fresh-runs are",
          'takes where={"run": "0,2"}; columns=, units= and fresh=True are'),
         ("choose a part with --where to keep it", "choose a part with where= to keep it"),
