@@ -559,8 +559,13 @@ def most_parsimonious(
         better = likelier or [rival for rival in rivals if search.is_better(rival, fit)]
         better = [rival for rival in better if is_complete(rival) >= is_complete(fit)]
         better.sort(key=lambda model: (search.size(model), model.solution.held_out))
-        # An effect that is likelier or simpler may still imitate the one that it would replace.
-        fit = next((rival for rival in better if imitating_effect(search, rival) is None), fit)
+        kept = search.added_effects(fit)
+        for rival in better:
+            # An effect that is likelier or simpler may still imitate the one that it would replace.
+            new = [added for added in search.added_effects(rival) if added not in kept]
+            if imitating_effect(search, rival, new) is None:
+                fit = rival
+                break
     return fit
 
 

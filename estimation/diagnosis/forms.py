@@ -261,7 +261,7 @@ def replacing_kinds(search: Search, end: FitResult) -> dict[str, dict[Kind, floa
     return replacing
 
 
-def imitating_effect(search: Search, end: FitResult) -> str | None:
+def imitating_effect(search: Search, end: FitResult, names: Sequence[str] | None = None) -> str | None:
     """Return an added effect that only imitates another kind, whose own form the library may lack; else None.
 
     In its place, the flexible law of the other kind leaves clearly less error than the effect and than the
@@ -271,10 +271,11 @@ def imitating_effect(search: Search, end: FitResult) -> str | None:
     Args:
         search: the search of the channel.
         end: the final model.
+        names: added effects to check; None for all.
     """
-    names, left = search.added_effects(end), error_of_kinds(end, with_laws=False).mean_square()
-    own = {name: (effect := end.solution.model.effect(name)).also | {effect.kind} for name in names}
-    for name in names:
+    added, left = search.added_effects(end), error_of_kinds(end, with_laws=False).mean_square()
+    own = {name: (effect := end.solution.model.effect(name)).also | {effect.kind} for name in added}
+    for name in added if names is None else names:
         error = error_of_kinds(search.without(end, name))
         others = frozenset(error.kinds) - frozenset().union(*own.values()) - {Kind.RUN_DIFFERENCES}
         law = min((frozenset({kind}) for kind in others), key=error.mean_square, default=None)

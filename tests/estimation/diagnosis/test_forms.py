@@ -313,10 +313,24 @@ def test_object_effect_is_preferred_over_an_equivalent_sensor_effect(monkeypatch
         monkeypatch.setattr(type(search), "is_better", is_better)
         end = most_parsimonious(search, reached(search, found), measured(search), lambda _: True)
         assert search.added_effects(end) == ["contact_offset"]
-    # An offset that only imitated the dead band would be dropped later, and nothing would be named.
-    monkeypatch.setattr(acceptance, "imitating_effect", lambda search, fit: "contact_offset")
-    end = most_parsimonious(search, reached(search, "deadband"), measured(search), lambda _: True)
-    assert search.added_effects(end) == ["deadband"]
+
+
+@pytest.mark.parametrize(
+    ("imitating", "names"),
+    [
+        ("contact_offset", ["quadratic_damping", "deadband"]),
+        ("quadratic_damping", ["quadratic_damping", "contact_offset"]),
+    ],
+)
+def test_an_effect_is_replaced_unless_the_new_one_imitates_another_kind(monkeypatch, imitating, names):
+    """An offset that only imitated the dead band would be dropped later, and nothing would be named."""
+    search = searched(deep_presses(), "deadband", "contact_offset", "quadratic_damping", base=PRESS)
+    found = reached(search, "quadratic_damping", "deadband")
+    monkeypatch.setattr(
+        acceptance, "imitating_effect", lambda search, end, new: imitating if imitating in new else None
+    )
+    end = most_parsimonious(search, found, measured(search), lambda _: True)
+    assert search.added_effects(end) == names
 
 
 @pytest.mark.parametrize("rest", [0.0, 0.4])  # of another kind, so that the model stays incomplete
