@@ -86,7 +86,8 @@ class HiddenHuntCrossley(_MaterialImperfection):
     @classmethod
     def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         unit = scale.contact_noise_n / (0.2 * scale.depth_m**1.5 * scale.speed_m_s)
-        return {"damping": strength * unit, "exponent": 1.5}
+        damping = 0.5 * strength * unit  # the other half is elastic, since in this law both grow together
+        return {"damping": damping, "stiffness": damping * scale.speed_m_s, "exponent": 1.5}
 
 
 class HiddenQuadraticDamping(_MaterialImperfection):
