@@ -455,6 +455,20 @@ def test_effect_that_a_law_of_another_kind_exceeds_imitates_this_kind(law, senso
     assert forms.imitating_effect(search, end) == imitating
 
 
+@pytest.mark.parametrize(("left", "imitating"), [(0.9, RUB), (0.4, None)])
+def test_effect_whose_model_leaves_less_than_the_law_of_another_kind_does_not_imitate_it(
+    monkeypatch, left, imitating
+):
+    """Laws are compared by linear models, which leave more than a model whose force ends with the contact."""
+    end = SimpleNamespace(
+        solution=SimpleNamespace(model=SWING.with_effect(EFFECTS[RUB]())), held_out_mean_square=left
+    )
+    error = SimpleNamespace(kinds=[Kind.INERTIA], mean_square=lambda kinds=None: 0.5 if kinds else 1.0)
+    monkeypatch.setattr(forms, "error_of_kinds", lambda fit, with_laws=True: error)
+    search = SimpleNamespace(added_effects=lambda _: [RUB], without=lambda *_: object())
+    assert forms.imitating_effect(search, end) == imitating
+
+
 @pytest.mark.parametrize(
     ("kind", "replaced"), [(Kind.SENSOR_STATICS, {RUB, SPRING}), (Kind.FRICTION, {SPRING})]
 )
