@@ -33,6 +33,7 @@ _MIN_SHARE = 0.01  # least share of the squared error that a named signal must e
 _MIN_KEPT = 0.5  # least share of the samples that remain if a model moves the boundaries of the contact
 _MIN_IMPROVEMENT = 0.9  # ratio of squared held-out errors below which a correction of smoothing bias is used
 _MIN_PULL = 5.0  # standard errors by which the data must favor a gain beyond its bound to be reported
+_MOST_UPDATES = 5  # most fits after the first, each with the contact boundaries of the fit before
 NOISE_RATIO = 1.05  # ratio to the noise level up to which an error counts as noise
 _RATE_SIGNALS = frozenset({"velocity", "direction"})
 
@@ -279,9 +280,11 @@ def fit_model(
     first = solve_gains(fit_problem(blocks, model, values), model, values, rounds=3)
     problem = fit_problem(blocks, model, first.parameters)
     solution = optimize_inner(problem, first)
-    updated = fit_problem(blocks, model, solution.parameters)
-    if not np.array_equal(updated.blocked.trusted, problem.blocked.trusted):  # the contact boundary moved
-        moved = solve_gains(updated, model, solution.parameters)  # on the samples of the new problem
+    for _ in range(_MOST_UPDATES):
+        updated = fit_problem(blocks, model, solution.parameters)
+        if np.array_equal(updated.blocked.trusted, problem.blocked.trusted):
+            break  # the fit excludes the contact boundaries of its own parameters
+        moved = solve_gains(updated, model, solution.parameters)
         problem, solution = updated, optimize_inner(updated, moved)
     return FitResult(problem.blocked.data, problem, solution)
 

@@ -364,6 +364,17 @@ def test_damping_is_distinguished_from_a_delay_of_equal_phase(start_s):
     assert found["damping.c"] == pytest.approx(damping, rel=0.03)
 
 
+@pytest.mark.parametrize("offset_m", [0.0, -0.002])
+def test_fit_excludes_the_contact_boundaries_of_its_own_parameters(offset_m):
+    """A dead band moves the apparent surface by millimeters, far from where a fit begins."""
+    data = session(2)
+    data = replace(data, effort=np.sign(data.effort) * np.maximum(np.abs(data.effort) - 2.0, 0.0))
+    model = MODEL.with_effect(EFFECTS["contact_offset"]())
+    fit = fit_model(data, model, {"contact_offset.offset": offset_m})
+    own = fit_problem(block_average(data), model, fit.solution.parameters)
+    np.testing.assert_array_equal(fit.problem.blocked.trusted, own.blocked.trusted)
+
+
 def test_model_that_places_all_samples_at_the_boundary_is_judged_on_all():
     """A tool as soft as the whole press leaves no depth for the object, and would leave no error."""
     depth, run = np.tile(np.linspace(1e-3, 5e-3, 200), 4), np.repeat(np.arange(4), 200)
