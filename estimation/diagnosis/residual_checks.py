@@ -5,6 +5,7 @@ difference between runs (another specimen, zero or sensor) is not among the sign
 cannot reveal it. Oscillations and errors of few samples do not depend on any signal either.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice, pairwise
 
@@ -246,12 +247,13 @@ def _is_heterogeneous(
     def ratio(heterogeneity: RunHeterogeneity | None) -> float:
         return heterogeneity.predicted / heterogeneity.alone if heterogeneity else 0.0
 
-    noise = end.problem.blocked.reduce(heterogeneity.own_residual)
-    statistics = (
-        ratio(run_heterogeneity(problem.blocked, solution))
-        for problem, solution in bootstrap_samples(end, measurement, rng, noise)
-    )
-    return sequential_test(ratio(heterogeneity), statistics).is_significant
+    def statistics() -> Iterator[float]:
+        while True:
+            noise = end.problem.blocked.reduce(heterogeneity.noise(rng))
+            problem, solution = next(bootstrap_samples(end, measurement, rng, noise))
+            yield ratio(run_heterogeneity(problem.blocked, solution))
+
+    return sequential_test(ratio(heterogeneity), statistics()).is_significant
 
 
 @dataclass(frozen=True)

@@ -35,8 +35,25 @@ class RunHeterogeneity:
     predicted: float  # root mean square error of all runs, each predicted from the others
     alone: float  # the same with each run fitted alone
     own_residual: FloatArray  # residual of each run fitted alone, shape (n,); 0 if a run is too short
+    # Rows (k,) of each run that was fitted alone, and an orthonormal basis (k, p) of what its fit can remove.
+    fits: Sequence[tuple[IntArray, FloatArray]]
     run_predicted: float  # error of `run`, predicted from the others
     run_alone: float  # the same, fitted alone
+
+    def noise(self, rng: np.random.Generator) -> FloatArray:
+        """Return the residuals of the runs with random values in place of what their fits removed, (n,).
+
+        Without these, the noise of a short run would have too little variance at low frequencies.
+
+        Args:
+            rng: random generator.
+        """
+        noise = self.own_residual.copy()
+        for rows, basis in self.fits:
+            count, removed = basis.shape
+            deviation = np.sqrt(np.sum(noise[rows] ** 2) / (count - removed))
+            noise[rows] += basis @ rng.normal(0.0, deviation, removed)
+        return noise
 
 
 def run_heterogeneity(
@@ -59,25 +76,27 @@ def run_heterogeneity(
     free = [name not in solution.model.held for name in solution.model.gains]
     slopes = np.column_stack([slopes[:, free], np.ones(len(data))])  # each run may have its own zero
     residual = data.effort - effort
-    alone = np.full(len(data), np.nan)
-    tested_rows: list[IntArray] = []
+    alone, own_residual = np.full(len(data), np.nan), np.zeros(len(data))
+    fits: list[tuple[IntArray, FloatArray]] = []
     for run_rows in rows_of_runs(data.run):
         rows = run_rows[np.isfinite(predicted[run_rows])]
         scale = np.linalg.norm(slopes[rows], axis=0)
         columns = slopes[rows] / np.where(scale > 0.0, scale, 1.0)
-        fitted, _, rank, _ = np.linalg.lstsq(columns, residual[rows], rcond=None)
-        if len(rows) < _SAMPLES_PER_VALUE * max(int(rank), 1):
+        directions, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+        basis = directions[:, sizes > np.finfo(float).eps * max(columns.shape) * sizes.max(initial=0.0)]
+        count, rank = basis.shape
+        if count < _SAMPLES_PER_VALUE * max(rank, 1):
             predicted[rows] = np.nan  # too short to be fitted alone
             continue
-        inflation = len(rows) / (len(rows) - int(rank))
-        alone[rows] = (residual[rows] - columns @ fitted) * np.sqrt(inflation)
-        tested_rows.append(rows)
-    if len(tested_rows) < 2 or not rmse(predicted) > least * rmse(alone):
+        own_residual[rows] = residual[rows] - basis @ (basis.T @ residual[rows])
+        alone[rows] = own_residual[rows] * np.sqrt(count / (count - rank))
+        fits.append((rows, basis))
+    if len(fits) < 2 or not rmse(predicted) > least * rmse(alone):
         return None
-    errors = [(rmse(predicted[rows]), rmse(alone[rows])) for rows in tested_rows]
+    errors = [(rmse(predicted[rows]), rmse(alone[rows])) for rows, _ in fits]
     worst = int(np.argmax([together**2 - single**2 for together, single in errors]))
-    run = int(data.run[tested_rows[worst][0]])
-    return RunHeterogeneity(run, rmse(predicted), rmse(alone), np.nan_to_num(alone), *errors[worst])
+    run = int(data.run[fits[worst][0][0]])
+    return RunHeterogeneity(run, rmse(predicted), rmse(alone), own_residual, fits, *errors[worst])
 
 
 _FREE_AIR_SHARE = 0.9  # share of the samples before a contact that is used; the last ones may be in contact

@@ -206,9 +206,20 @@ def test_each_run_is_compared_with_the_others_and_itself():
     assert (found.run_predicted, found.run_alone) == pytest.approx(
         (size(predicted[mine]), size(alone[mine])), rel=1e-6
     )
-    assert found.own_residual == pytest.approx(alone, abs=1e-6)
+    assert found.own_residual == pytest.approx(alone * np.sqrt(198 / 200), abs=1e-6)
     held = replace(blocked, data=replace(data, effort=1.0 * data.run))  # each zero fits a constant
     assert run_heterogeneity(held, solve_gains(FitProblem(held, WHITE), solution.model, {})) is None
+
+
+def test_noise_of_short_runs_has_as_much_variance_in_what_their_fits_removed():
+    blocked, solution = of_runs([10.0, 10.0, 10.0], 12)
+    found, rng = run_heterogeneity(blocked, solution, least=0.0), np.random.default_rng(2)
+    noise = np.array([found.noise(rng) for _ in range(2000)])
+    removed = np.column_stack([blocked.data.position, np.ones(36)])
+    for rows in (blocked.run == run for run in range(3)):
+        basis = np.linalg.qr(removed[rows])[0]
+        variance = np.sum(found.own_residual[rows] ** 2) / 10
+        assert np.var(noise[:, rows] @ basis, axis=0) == pytest.approx([variance, variance], rel=0.1)
 
 
 @pytest.mark.parametrize(
@@ -442,7 +453,7 @@ def test_without_rest_the_residual_is_compared_with_neighboring_readings(creak_n
     assert is_noise or "times the noise of neighboring readings" in told.reason
 
 
-APART = RunHeterogeneity(2, 1.0, 0.4, np.zeros(3), 2.0, 0.4)
+APART = RunHeterogeneity(2, 1.0, 0.4, np.zeros(3), (), 2.0, 0.4)
 EXCESS = ExcessVariance(1.0, 0.1, None, "in motion", "at rest")
 
 
