@@ -280,12 +280,15 @@ def fit_model(
     first = solve_gains(fit_problem(blocks, model, values), model, values, rounds=3)
     problem = fit_problem(blocks, model, first.parameters)
     solution = optimize_inner(problem, first)
-    for _ in range(_MOST_UPDATES):
+    tried = [problem.blocked.trusted]
+    # A fit excludes the contact boundaries of its own parameters, unless two sets of boundaries alternate.
+    while len(tried) <= _MOST_UPDATES:
         updated = fit_problem(blocks, model, solution.parameters)
-        if np.array_equal(updated.blocked.trusted, problem.blocked.trusted):
-            break  # the fit excludes the contact boundaries of its own parameters
+        if any(np.array_equal(updated.blocked.trusted, trusted) for trusted in tried):
+            break
         moved = solve_gains(updated, model, solution.parameters)
         problem, solution = updated, optimize_inner(updated, moved)
+        tried.append(updated.blocked.trusted)
     return FitResult(problem.blocked.data, problem, solution)
 
 
