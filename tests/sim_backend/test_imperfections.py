@@ -52,6 +52,13 @@ def at_strength(name, strength, channel=None):
     return kind.at_strength(strength, channel or any_channel(kind), SCALE, np.random.default_rng(4))
 
 
+def test_spring_and_damper_of_a_hidden_hunt_crossley_law_are_equal_at_the_usual_speed():
+    """In this law both grow with the contact, so that a damper alone would be another effect."""
+    law = at_strength("hunt_crossley", 20.0)
+    assert law.stiffness > 0.0
+    assert law.damping * SCALE.speed_m_s == pytest.approx(law.stiffness)
+
+
 @lru_cache(maxsize=8)
 def fallen(_engine, name, strength):
     """What a fall shows with an effect of a strength, or with none, in the engine that is chosen now."""
