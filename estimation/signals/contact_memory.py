@@ -78,8 +78,7 @@ def free_surface_memory(
     left = (branches[:, ends] - pressed[ends]).swapaxes(0, 1)
     if damped := data.retardation_s > 0.0:  # the elastic force is a state of its own
         elastic = -np.append(shares, 1.0) / data.retardation_s
-        system = np.vstack([-rates[:, None] * np.eye(len(rates), len(rates) + 1), elastic])
-        system[:-1, -1] = -rates
+        system = np.block([[-np.diag(rates), -rates[:, None]], [elastic]])
     exponents, modes = np.linalg.eig(system)
     pauses_s = time_s[starts[1:]] - time_s[ends[:-1]]
     # If the shares exceed 1, the solid is unstable; its state would overflow in a long pause.

@@ -130,14 +130,15 @@ def recovery(data: ChannelData) -> tuple[bool, float, float]:
         may_recover = len(data.runs) > 1 and errors[1] < _WORSE_RATIO * errors[0]
         if may_recover and improves(recovered, _RECOVERED_RATIO):
             return True, 1.0, 0.0
-        surface = _free_surface(continued, hardening, fits[0], fits[2])
-        # A free surface is the physical case and adds no parameter, so any clear improvement is enough here.
         is_noise = fits[0].rmse < NOISE_RATIO * fits[0].floor()
+        limit = errors[0] if is_noise else _RECOVERED_RATIO * errors[0]
+        surface = _free_surface(continued, hardening, fits[2], limit)
+        # A free surface is the physical case and adds no parameter, so any clear improvement is enough here.
         is_free = surface is not continued and (is_noise or improves(surface, 1.0 / _WORSE_RATIO))
         return (False, surface.recovery_ratio, surface.retardation_s) if is_free else (False, 1.0, 0.0)
 
 
-def _free_surface(data: ChannelData, base: Model, held: FitResult, free: FitResult) -> ChannelData:
+def _free_surface(data: ChannelData, base: Model, free: FitResult, limit: float) -> ChannelData:
     """Return the channel with a free surface, or unchanged if that predicts held-out runs no better.
 
     A free surface adds no parameter, since the shares of the relaxing branches and the damping determine it.
@@ -145,11 +146,10 @@ def _free_surface(data: ChannelData, base: Model, held: FitResult, free: FitResu
     Args:
         data: a contact channel with one clock for all runs.
         base: a model without relaxation.
-        held: fit of the base model and `stress_relaxation`, with the surface held in free air.
-        free: the same with the ratio `_FIRST_RATIO`.
+        free: fit of the base model and `stress_relaxation`, with the ratio `_FIRST_RATIO`.
+        limit: largest held-out error with which the surface is taken to be free [effort].
     """
     good, ratio, surface = usable(data), _FIRST_RATIO, data
-    limit = held.rmse * (1.0 if held.rmse < NOISE_RATIO * held.floor() else _RECOVERED_RATIO)
     for repeat in range(_REPEATS):
         stiffness = free.values["stiffness.k"]
         sudden = max(stiffness + free.values["stress_relaxation.k1"], 1e-300)
@@ -159,7 +159,7 @@ def _free_surface(data: ChannelData, base: Model, held: FitResult, free: FitResu
             break
         retardation_s = free.values["damping.c"] / sudden
         surface = replace(data, recovery_ratio=ratio, retardation_s=retardation_s)
-        free = fit_model(surface, held.model, free.values, good)
+        free = fit_model(surface, free.model, free.values, good)
     if free.rmse < limit:
         return surface
     # A second branch may cause more error than a held surface, so both are compared with two branches too.
