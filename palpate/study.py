@@ -373,8 +373,8 @@ class Study(ModelStudy):
                 other = latest[channel.name]
                 self.check(other)
                 raise InputError(
-                    f"revision {other.number} is of base model {other.model}, not {channel.model.name}: "
-                    f"choose --revision {other.number}"
+                    f"the folder has no revision of {channel.name} with base model {channel.model.name}, "
+                    f"only with {other.model}; to use that one, add --revision {other.number}"
                 )
         if not newest:
             raise InputError(
@@ -403,8 +403,8 @@ class Study(ModelStudy):
             self.check(revision)
             if self.channel_of(revision).kind is ChannelKind.PRISMATIC:
                 raise InputError(
-                    f"{revision.channel}: is a linear axis, but all joints of the simulated arm rotate; name "
-                    "other revisions with --revision, or export it with --format feedforward, mjcf, urdf, "
+                    f"{revision.channel}: is a linear axis, but all joints of the simulated arm rotate; "
+                    "choose other revisions with --revision, or another --format: feedforward, mjcf, urdf, "
                     "isaaclab or bam"
                 )
         contacts = [channel for channel in self.source.channels if channel.kind is ChannelKind.CONTACT]
@@ -417,8 +417,8 @@ class Study(ModelStudy):
         _refuse_several(["contact" if item.channel in names else item.channel for item in chosen])
         if not chosen:
             raise InputError(
-                f"{self._file}: has no revision to export, and only a contact is exported without one; add "
-                "an effect to a joint first (palpate add, palpate diagnose --apply)"
+                f"{self._file}: has no revision to export, and a joint cannot be exported without one; make "
+                "one with palpate add or palpate diagnose --apply"
             )
         return chosen
 
@@ -510,9 +510,10 @@ def _refuse_other_units(channels: Sequence[ChannelData], *, is_gain_known: bool 
             )
         if data.kind is ChannelKind.SERVO and not is_gain_known:
             raise InputError(
-                f"{data.name}: its effort is a goal error [rad], and a simulator needs N m; give the gain "
-                "[N m/rad] with --servo-gain (mjcf, urdf, isaaclab, bam), or multiply goal minus position by "
-                "it and add the product as a column torque_Nm (torque_1_Nm, ... if positions are numbered)"
+                f"{data.name}: its effort is a goal error [rad], and a simulator needs N m; for mjcf, urdf, "
+                "isaaclab and bam, give the servo's gain [N m/rad] with --servo-gain. For other formats, add "
+                "a column torque_Nm with this gain times (goal - position); if positions are numbered, the "
+                "columns are torque_1_Nm, ..."
             )
 
 

@@ -79,9 +79,9 @@ def write_page(batch: BatchResult) -> None:
         value = f"{significant(entry.value)} {entry.unit}"
         outliers.append((place, entry.parameter, value, f"{entry.z:+.1f}", report))
     about_outliers = (
-        "Values so far from the median of their group that only 1 % of normally distributed groups of this "
-        "size contain such a value. "
-        "z is relative to the median absolute deviation (times 1.48) and the value's standard error.",
+        "These values are far from the median of their group. Only 1 % of normally distributed groups of "
+        "this size contain a value as far from the median. z is the distance from the median, divided by a "
+        "scale that combines the median absolute deviation (times 1.48) and the value's standard error.",
     )
     errors = list(batch.errors.items())[:_MOST_ROWS]
     # the first rows of the table and the rows of outliers, in few columns
@@ -107,7 +107,7 @@ def write_page(batch: BatchResult) -> None:
         _entry_section(batch.shared, _SHARED),
         _entry_section(sorted(batch.differences, key=lambda entry: entry.p_corrected), _DIFFERENCES),
         PageSection("Outliers", _OUTLIER, outliers, words=about_outliers),
-        PageSection("Measurements that could not be judged", ("measurement", "reason"), errors),
+        PageSection("Measurements that could not be evaluated", ("measurement", "reason"), errors),
         PageSection("Measurements", tuple(columns), lines, words=words, anchors=places),
     ]
     _write(batch.page, f"Batch {batch.folder.name}", facts, sections)
@@ -195,10 +195,16 @@ def _overview(batch: BatchResult) -> PageSection:
     first, error = ("group", "channel", "measurements"), "error / noise (median)"
     if not any(verdict):  # the columns behind the error would be empty
         errors = [(*line[:3], line[4]) for line in lines]
-        words = ("Nothing was diagnosed: --diagnose adds verdicts, error budgets and named effects.",)
+        words = (
+            "Nothing was diagnosed; to add verdicts, error budgets and named effects, repeat the batch with "
+            "--diagnose.",
+        )
         return PageSection("Error over noise", (*first, error), errors, words=words)
     columns = (*first, "verdicts", error, "mean budget", "effects named")
-    words = ("A measurement whose error shows no missing effect has no budget and counts with zero shares.",)
+    words = (
+        "A measurement without a missing effect has no error budget; in the mean budget, its shares count "
+        "as zero.",
+    )
     return PageSection("Missing effects", columns, lines, as_html(figure) if any(bars) else None, words)
 
 
@@ -287,8 +293,8 @@ _POOLED: _EntryTable = (
     },
     "Random effects: each measurement has a true value of its own around the mean. Spread: standard "
     "deviation of the true values. I²: share of the variance between the values that is not due to their "
-    "standard errors. The columns “shrunk” of the table are each measurement's value, shrunk towards the "
-    "mean. A value shrinks more if its standard error is large relative to the spread.",
+    "standard errors. In the table, the columns “shrunk” contain each measurement's value after shrinkage "
+    "towards the mean. The larger the standard error relative to the spread, the stronger the shrinkage.",
 )
 _SHARED: _EntryTable = (
     "Shared by all channels of a group",
@@ -304,8 +310,8 @@ _SHARED: _EntryTable = (
         "unit": lambda entry: entry.unit,
         "p": lambda entry: format_computed_p_value(entry.p_corrected),
     },
-    "p: probability that estimates differ this much if they share one value (Cochran's Q, corrected by "
-    "Holm). No shared value is given if p is below 0.01.",
+    "p: probability that the estimates differ at least this much although all channels have the same true "
+    "value (Cochran's Q, corrected by Holm). If p is below 0.01, no shared value is given.",
 )
 _DIFFERENCES: _EntryTable = (
     "Do groups differ?",

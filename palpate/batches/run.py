@@ -103,7 +103,7 @@ def batch(
         effects: your own effects, such as "my_effects.py:MyEffect".
         workers: processes on this machine; None for one per core.
         scheduler: address of a dask scheduler; None for this machine.
-        retry: judge measurements again that could not be judged.
+        retry: try measurements again that could not be evaluated.
         reports: largest number of outliers for which to write a report; the page links to it.
         progress: called with the numbers of finished and of all measurements.
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _MOST_SHOWN = 8  # errors, outliers and parameters in the terminal; the page has all
 
 
-_DATA = "Folder, files, pattern in quotes, or a CSV list with a column 'file' and further fields."
+_DATA = "Folder, files, a file pattern in quotes, or a CSV table with a column 'file' and further fields."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,8 +36,13 @@ _MODEL = (
     "Base model, or 'suggest' to choose the one that fits a few measurements best; default: the "
     "usual one of each channel."
 )
-_POOL = "Combine the evidence of all measurements, to detect effects too small for one of them."
-_METADATA = "CSV file with further fields; its rows are matched by a column 'file' or by shared fields."
+_POOL = (
+    "Combine the evidence of all measurements, to detect effects that are too small to show in a single one."
+)
+_METADATA = (
+    "CSV file with further fields. A row belongs to the file that its column 'file' names, or to the files "
+    "with the same values in shared fields."
+)
 _JOIN = "Treat files with the same text in this field as one measurement."
 _SPLIT = "Treat rows with the same text in this column as one measurement."
 _SHARE = "Effect whose parameters are assumed equal in all channels of a group; may be repeated."

@@ -68,7 +68,9 @@ The arm moves under its guard. Ctrl-C brings it to rest, and no calibration is w
 )
 
 
-_COLUMN = "Column with the reading, the reference, or settled (0 in rows to ignore), such as reading=raw."
+_COLUMN = (
+    "Column of the reading, of the reference, or of settled (0 marks rows to ignore), such as reading=raw."
+)
 _WEIGHTS_KG = "Masses to place on the sensor, in this order, such as 0,1,2,4,2,1,0."
 _REFERENCE_PERCENT = "Standard uncertainty that all references share."
 _READING_UNIT = "Unit of the readings, if the column's name does not end with it."
@@ -140,8 +142,9 @@ def force(
             )
         if fit.unsettled_n:
             remarks.append(
-                "the reading is still settling within the plateaus, so up to "
-                f"{2 * fit.unsettled_n:.2g} N of the hysteresis may be slow settling; wait longer"
+                "the reading still changes within the plateaus, so up to "
+                f"{2 * fit.unsettled_n:.2g} N of the hysteresis may be slow settling; wait longer at "
+                "each weight"
             )
         if fit.plateaus.glitches:
             remarks.append(f"{fit.plateaus.glitches} samples were left out as glitches of the A/D converter")
@@ -149,8 +152,8 @@ def force(
             force_n, off_n = fit.plateaus.reference_n[fit.suspect], fit.residual_n[fit.suspect]
             number = np.flatnonzero(fit.is_used)[fit.suspect] + 1
             remarks.append(
-                f"plateau {number} ({force_n:.4g} N) is {off_n:+.2g} N off, unlike the others; "
-                "was this the right weight?"
+                f"plateau {number} ({force_n:.4g} N) is {off_n:+.2g} N off, but the others are not; was "
+                "this the right weight?"
             )
         calibration = fits.make_calibration(
             "force", fit, robot_file, raw, options.valid_days, reading_unit=unit

@@ -61,7 +61,9 @@ def _names(first: Study, second: Study, grown: tuple[Extended, Extended]) -> tup
 
 _OTHER = "Second measurement, such as a simulated twin, a repetition after a change, or another specimen."
 _OTHER_MODEL = "Base model of OTHER; without OTHER, a second model of FILE."
-_REVISION = "Compare this revision instead of the base model (palpate revisions)."
+_REVISION = (
+    "Number of the revision to compare instead of the base model; palpate revisions lists the numbers."
+)
 _OTHER_REVISION = "Revision of OTHER; default: the same model is fitted to both."
 _OUT = "Write comparison.json and an HTML report to this folder."
 
@@ -143,8 +145,8 @@ def compare_command(data: CompareOptions) -> None:
     else:
         print_comparison(console.stdout(), [result_view(each, with_parameters=False) for each in results])
         of_other_data = (
-            f"revision {item.number} was fitted to other rows or with other import options; its saved error "
-            f"is {with_unit(item.rmse, item.effort_unit)}"
+            f"revision {item.number} was fitted to other rows or with other import options, so its errors "
+            f"here differ from its saved error, {with_unit(item.rmse, item.effort_unit)}"
             for item in saved_revisions
             if study.channel_of(item).sha256 != item.data_sha256
         )

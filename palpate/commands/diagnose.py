@@ -176,8 +176,8 @@ def _next_steps(
     ):
         for name in study.source.unused[:MOST_ASKED]:
             with_signal = f"palpate diagnose {again} --context {as_shell_word(name)}"
-            yield with_signal, f"whether the error depends on {name}"
-        own_effect = "try an effect that you write (docs/reference/effects.md)"
+            yield with_signal, f"test whether the error depends on {name}"
+        own_effect = "try an effect of your own (docs/reference/effects.md explains how to write one)"
         yield f"palpate diagnose {again} --effect FILE.py:CLASS", own_effect
     if all(study.refusal(study.channel(channel.channel)) for channel in diagnosis.channels):
         reading = data.command_text(**dict.fromkeys(["effect", "urdf", "tip-frame", "held-out"]))

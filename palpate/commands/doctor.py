@@ -64,7 +64,7 @@ def doctor_command(  # noqa: PLR0917, one parameter an option
             console.stdout().print(table)
     else:
         if not wire:
-            _refuse({"--as-built": as_built}, "it applies to emulated devices only; add --wire")
+            _refuse({"--as-built": as_built}, "this option applies to emulated devices only; add --wire")
             _refuse({"--yes": yes}, "a real arm gets power only if somebody at the arm confirms")
         if move and not yes and not _has_terminal():
             remedy = "add --yes, as the devices are emulated" if wire else "run it in a terminal at the arm"
@@ -79,8 +79,8 @@ def doctor_command(  # noqa: PLR0917, one parameter an option
         )
         findings = _examine(check, quiet=as_json)
         name = safe(check.robot_file.name)
-        well = "is not checked completely" if NOT_POWERED in findings else "passes all checks"
-        verdict = (f"'{name}' {well}", f"'{name}' must not be powered like this")
+        well = "passes the checks that need no power" if NOT_POWERED in findings else "passes all checks"
+        verdict = (f"'{name}' {well}", f"'{name}' must not get power in this state")
     failed = any(finding.level is Level.FAIL for finding in findings)
     levels = [finding.level for finding in findings]
     warned, broken, skipped = (levels.count(level) for level in (Level.WARN, Level.FAIL, Level.SKIP))

@@ -26,8 +26,8 @@ _DATE = (
 )
 _PARAMETER = "Only this parameter, such as coulomb_friction.force; may be repeated."
 _OUT = "First process the recordings, and write the results to this folder."
-_GROUP = "Follow each group of measurements with the same value of this field separately."
-_DATA = "Folder or table of palpate batch, or with --out a folder of recordings."
+_GROUP = "Test groups of measurements separately; a group has the same value in this field."
+_DATA = "Folder or table written by palpate batch; with --out, a folder of recordings."
 _MODEL = "Base model to fit to the recordings."
 _FOLLOW = "Keep running, and test again whenever there are new data."
 _EXIT_CODE = f"Exit code {CHANGED} if something changes, else 0."
@@ -166,8 +166,8 @@ def _update(  # noqa: PLR0917, what was typed
             console.say_below("nothing changes by more than its scatter")
         if short:
             console.say_below(
-                f"[yellow]too short to detect a step: {short} of {len(tested)} series. When so many are "
-                f"tested, each needs {least} measurements; test fewer with --parameter[/yellow]"
+                f"[yellow]too short to detect a step: {short} of {len(tested)} series. With {len(tested)} "
+                f"series, each needs {least} measurements; to test fewer series, add --parameter[/yellow]"
             )
         if left_out := content["left_out"]:
             which = f"{_series_name(left_out[0])} at {left_out[0]['at']} ({left_out[0]['value']:.3g})"

@@ -247,7 +247,10 @@ def _examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
         ranges = zip(position_rad, limits.position_min_rad, limits.position_max_rad, strict=True)
         for number, (angle, low, high) in enumerate(ranges, 1):
             value = f"at {angle:+.3f} rad (limits {low:+.2f} to {high:+.2f})"
-            remedy = "move it inside by hand, or correct its zero_rad and reversed"
+            remedy = (
+                "move the joint inside its limits by hand, or correct its zero_rad and reversed in the "
+                "robot file"
+            )
             yield graded(f"joint {number}", value, (_FAIL, not low < angle < high, remedy))
         away_rad = position_rad - robot_file.home_rad
         joint = int(np.argmax(np.abs(away_rad)))
@@ -275,8 +278,8 @@ def _computed(robot: Robot, period_s: float) -> Iterator[Finding]:
             continue
         most_hz = _FULL_SHARE / wire_s
         value = (
-            f"the bytes of a tick take {wire_s * _MICRO:.0f} us on the wire, of {period_s * _MICRO:.0f} us "
-            f"per tick; the wire allows {most_hz:.0f} Hz"
+            f"the bytes of a tick take {wire_s * _MICRO:.0f} us on the wire, and a tick lasts "
+            f"{period_s * _MICRO:.0f} us; the wire allows at most {most_hz:.0f} Hz"
         )
         remedy = f"raise the bit rate, lower control_rate_hz to {most_hz:.0f}, or send less in each tick"
         too_much, nearly = wire_s > period_s, wire_s > _FULL_SHARE * period_s
@@ -304,10 +307,14 @@ def _device(
         f"{limit_s * _MILLI:g} ms)"
     )
     if not all(np.isfinite(getattr(m, name)).all() for m in measurements for name in _VALUES[device]):
-        return fail(subject, f"some values are not numbers{because}", "check its wiring and its driver")
+        return fail(
+            subject, f"some values are not finite numbers{because}", "check its wiring and its driver"
+        )
     statuses = {getattr(m, f"{device}_status") for m, failed in ticks if not failed or bus in failed}
     if ages_s.max() > limit_s or Status.FAULT in statuses:
-        return fail(subject, value + because, "raise its rate, or find what delays it")
+        return fail(
+            subject, value + because, "raise the device's sample rate, or find what delays its samples"
+        )
     if saturated := Status.SATURATED in statuses:
         value += "; at the end of its range"
     return graded(subject, value, (_FAIL, saturated, "check its wiring and its range"))

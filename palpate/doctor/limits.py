@@ -58,12 +58,20 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
         "braking",
         f"damping {_listed(damping)} N m s/rad, stable up to {_listed(most)}",
         (_FAIL, (damping > stable.max(axis=0)).any(), shakes),
-        (_FAIL, (damping == 0).all(), "no joint is braked in a stop: give them damping"),
+        (
+            _FAIL,
+            (damping == 0).all(),
+            "no joint is braked in a stop: raise safe_state.damping_nms_rad above 0",
+        ),
         (_WARN, (damping > most).any(), shakes),
-        (_WARN, (damping == 0).any(), "a joint without damping is not braked in a stop: give it some"),
+        (
+            _WARN,
+            (damping == 0).any(),
+            "a joint without damping is not braked in a stop: raise its safe_state.damping_nms_rad above 0",
+        ),
     )
     ages_s = {name: getattr(limits, f"{name}_age_s") for name in ("encoder", "torque", "force")}
-    lost = f"a single lost sample stops the arm: allow {2e3 * tick_s:g} ms or more"
+    lost = f"a single lost sample stops the arm: raise the limit to {2e3 * tick_s:g} ms or more"
     old = "the arm would act on old samples: lower the limit"
     yield graded(
         "age limits",
@@ -75,11 +83,18 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
     for name, bus in robot_file.buses.items():
         watchdog_s = bus.settings.get("watchdog_s")
         if isinstance(watchdog_s, int | float):
-            long = f"the drive holds its last torque for this long; {_LONG_WATCHDOG_S:g} s is enough"
+            long = (
+                f"the drive holds its last torque for this long: lower watchdog_s to {_LONG_WATCHDOG_S:g} "
+                "or less"
+            )
             yield graded(
                 f"watchdog of {name}",
                 f"the drives switch off {1e3 * watchdog_s:g} ms after the last command (robot file)",
-                (_WARN, watchdog_s < 5 * tick_s, "a late tick cuts the torque: allow 5 ticks or more"),
+                (
+                    _WARN,
+                    watchdog_s < 5 * tick_s,
+                    f"a late tick cuts the torque: raise watchdog_s to {5 * tick_s:g} (5 ticks) or more",
+                ),
                 (_WARN, watchdog_s > _LONG_WATCHDOG_S, long),
             )
     yield _force(robot_file)
@@ -95,7 +110,7 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
     remedy = "lower tracking_rad: a well-tuned arm stays within 0.1 rad"
     yield graded(
         "tracking limits",
-        f"up to {widest_rad:g} rad from the path",
+        f"the guard allows up to {widest_rad:g} rad from the path",
         (_FAIL, widest_rad > _NO_TRACKING_RAD, remedy),
         (_WARN, widest_rad > _WIDE_TRACKING_RAD, remedy),
     )

@@ -176,7 +176,7 @@ def _joint_finding(joint: int, moved_rad: FloatArray) -> Finding:
     most = int(np.argmax(np.abs(moved_rad)))
     value = f"{own_rad:+.2f} rad when turned forwards"
     if not abs(moved_rad[most]) >= _MOVED_RAD:  # true for NaN as well
-        return fail(subject, f"{value}: no joint moved", "turn it further, or check its encoder")
+        return fail(subject, f"{value}: no joint moved", "turn the joint further, or check its encoder")
     if most != joint:
         other = f"{value}, but joint {most + 1} moved by {moved_rad[most]:+.2f} rad"
         return fail(subject, other, "the drives' ids are in the wrong order: correct the robot file")
@@ -188,7 +188,9 @@ def _force_finding(pressed_n: float) -> Finding:
     subject, value = "sign of the force", f"{pressed_n:+.2f} N when pressed"
     if not abs(pressed_n) >= _PRESSED_N:  # true for NaN as well
         return fail(
-            subject, f"{value}: too small to judge", "press harder; if it stays small, check the sensor"
+            subject,
+            f"{value}: too small to show the sign",
+            "press harder; if the force stays small, check the sensor",
         )
     remedy = "change 'reversed' of the force sensor in the robot file"
     return graded(subject, value, (_FAIL, pressed_n < 0, remedy))
@@ -338,11 +340,9 @@ def examine_powered(
         is_stuck = moved_rad < _FOLLOWED * NUDGE_RAD
         is_scaled = not is_stuck and not abs(share - 1.0) <= _SPEED_SHARE
         value = f"moved {moved_rad:.3f} of {NUDGE_RAD:g} rad"
-        value += f"; its reported speeds are {share:.2f} times those of its positions" * is_scaled
-        stuck = (
-            "it does not follow, perhaps because of friction, a low torque limit or a wrong torque constant"
-        )
-        model = "the scale of its torques is wrong, too; correct its model in the robot file"
+        value += f"; the reported speed is {share:.2f} times the rate of change of the position" * is_scaled
+        stuck = "the joint does not follow: check friction, torque limit and torque constant"
+        model = "the scale of the torque is then wrong, too; correct the drive's model in the robot file"
         remedies = (_FAIL, is_stuck, stuck), (_FAIL, is_scaled, model)
         yield graded(f"drive of joint {joint + 1}", value, *remedies)
         # Friction is half the difference of both ways.
@@ -384,17 +384,19 @@ def _torque_finding(
     warn_nm, fail_nm = (share * min(abs(held_nm), abs(required_nm)) + hidden_nm for share in _SHARES)
     subject = f"torque of joint {joint + 1}"
     value = (
-        f"{held_nm:+.2f} N m, while the URDF's masses require {required_nm:+.2f} N m (tolerance "
+        f"{held_nm:+.2f} N m, while the URDF's masses require {required_nm:+.2f} N m (allowed difference "
         f"{warn_nm:.2f} N m, friction {friction_nm:.2f} N m)"
     )
     if off_nm <= warn_nm and abs(required_nm) < _CLEAR * hidden_nm:
-        return skip(subject, f"not checked, because it is too small: {value}", "palpate calibrate torque")
+        return skip(
+            subject, f"not checked, because the torque is too small: {value}", "palpate calibrate torque"
+        )
     angles = (
         f"zero_rad and gear ratios of joints 1 to {joint + 1}" if joint else "its zero_rad and gear ratio"
     )
     remedy = (
-        f"check its model and torque constant, {angles}, and the URDF's masses and lengths; then run palpate "
-        "calibrate torque and palpate calibrate gravity"
+        f"check the drive's model and torque constant, {angles}, and the URDF's masses and lengths; then run "
+        "palpate calibrate torque and palpate calibrate gravity"
     )
     is_wrong, is_off = not off_nm <= fail_nm, not off_nm <= warn_nm  # both true for NaN
     return graded(subject, value, (_FAIL, is_wrong, remedy), (Level.WARN, is_off, remedy))
@@ -423,7 +425,10 @@ def _stopped(
     )
     if suspects:
         cause = cause.partition(";")[0]
-        remedy = f"only the torque of joint {suspects[0]} contradicts the motion: see its line"
+        remedy = (
+            f"only the torque of joint {suspects[0]} contradicts the motion; its line above says what to "
+            "check"
+        )
         if suspects[0] > 1:
             remedy += (
                 "; a wrong angle of an earlier joint has the same effect, so compare the pose above with the "

@@ -410,9 +410,9 @@ def _named(place: str, joints: Sequence[Element], joint: TargetJoint, advice: st
     if not found:
         names = dict.fromkeys(name for each in joints if (name := each.get("name")))
         raise InputError(
-            f"{place}: no joint is called '{joint.name}', as {joint.channel} is called in the URDF of --urdf "
-            "(without --urdf, the name of the channel is used). "
-            f"Valid: {', '.join(names) or 'none'}{advice}"
+            f"{place}: {joint.channel} needs a joint '{joint.name}', but the file has none (the name comes "
+            "from the URDF of --urdf; without --urdf, it is the channel's name). Valid: "
+            f"{', '.join(names) or 'none'}{advice}"
         )
     if len(found) > 1:
         raise InputError(f"{place}: {len(found)} joints are called '{joint.name}': rename all but one")

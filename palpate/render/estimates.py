@@ -227,7 +227,9 @@ def _remarks_on_fits(estimates: ChannelEstimates) -> Iterator[str]:
         left_out = 1.0 - float(np.mean(estimate.inliers))
         if estimate.estimator == PREFERRED[0] and left_out > 1.0 - MIN_INLIER_SHARE:
             share = f"{_TO_PERCENT * left_out:.0f} % of the samples"
-            yield f"{estimate.estimator} excludes {share} as outliers: the model does not describe them"
+            yield (
+                f"{estimate.estimator} excludes {share} as outliers, so the model does not describe all data"
+            )
         doubtful = estimate.identifiability is not Identifiability.GOOD or estimate.unphysical
         # Otherwise the table states it for each estimator.
         if doubtful and (roomy or estimate is estimates.best):
@@ -249,7 +251,7 @@ def calibration_remark(session: Session | None) -> list[str]:
         scale = used.force.values.scale
         left.append(f"{_TO_PERCENT * scale.std_err / scale.value:.2g} % of the force")
     if used.encoder is not None:
-        left.append(f"{_TO_MILLI * max(used.encoder.values.offset.std_err):.2g} mrad of the joints' zeros")
+        left.append(f"{_TO_MILLI * max(used.encoder.values.offset.std_err):.2g} mrad in the joints' zeros")
     if not left:
         return []
     return [

@@ -23,7 +23,10 @@ _CHANCE = 0.05  # share of lags outside a 99 % band above which the correlation 
 _POOR, _ONLY_NOISE = 80.0, 1.2
 _TO_PERCENT = 100.0
 _NOISE_ALONE = "only noise"  # end of the sentence on the remaining error
-PAIRED = "The intervals of the differences are paired: model errors that both measurements share cancel."
+PAIRED = (
+    "The intervals of the differences are paired: a model error that both measurements share cancels in the "
+    "difference."
+)
 
 
 @dataclass(frozen=True)
@@ -48,8 +51,8 @@ class ChannelPairView:
         """Explain the intervals of differences."""
         if self.sides.is_same_data:
             return (
-                "Both models describe one measurement, so their errors are not independent: differences "
-                "have no intervals."
+                "Both models were fitted to the same measurement, so their errors are correlated. The "
+                "differences are therefore given without intervals."
             )
         if any(difference.paired_std_err is not None for difference in self.sides.differences):
             return PAIRED
@@ -108,8 +111,9 @@ def _words(sides: PairedComparison) -> Iterator[str]:
     far = {letter: comparison.lack_of_fit for letter, comparison in compared if comparison.lack_of_fit > FAR}
     for letter, times in far.items():
         yield (
-            f"The error of {letter}'s model is {times:.1f} times the noise level, so its parameters mean "
-            "little: add the missing effects and compare again (--revision)."
+            f"The error of {letter}'s model is {times:.1f} times the noise level, so the model's parameters "
+            "may be far from the true values. Add the missing effects (palpate diagnose --apply), and "
+            "compare again with --revision."
         )
     yield from _compare_parameters(sides, lacks_effects=bool(far))
     for letter, side in pair:

@@ -24,9 +24,11 @@ RANGE_MEANING = (
 FORM_MEANINGS = {
     "exact": "Exact: with this effect, the model leaves only noise, no other law fits as well, and a "
     "deviation of 5 % from the law would show.",
-    "approximate": "Approximate: the effect explains most of what any law of its kind does, but its "
-    "equation may differ from the true one.",
-    "unknown": "Unknown: the kind is known, but no effect explains enough of its share.",
+    "approximate": (
+        "Approximate: the effect explains most of the error that any law of its kind can explain, but its "
+        "equation may differ from the true one."
+    ),
+    "unknown": "Unknown: the kind is known, but no effect explains enough of the kind's share.",
 }
 _MANY_TIMES = 1000  # largest multiple of the noise level that is stated
 NOISE = 1.1  # multiple of the noise level below which an error is within the noise

@@ -84,15 +84,14 @@ def describe_motion(kind: str, limits: Limits) -> str:
         fastest_rad_s = max(float(cap_speed(motion.speed_rad_s, limits).max()), travel_rad_s)
         return (
             f"all joints move at once in free air, at up to {fastest_rad_s:.3g} rad/s, for "
-            f"{motion.duration_s:g} s plus the way there and back"
+            f"{motion.duration_s:g} s plus the time to get to its start and back"
         )
     settings = StopSettings.within(limits)
     trips_rad_s = max(_slowed(limits, STOP_SPEED_RAD_S).velocity_rad_s)
     return (
-        f"all joints move at up to {settings.travel_rad_s:.3g} rad/s to a place with enough room; then each "
+        f"all joints move at up to {settings.travel_rad_s:.3g} rad/s to a place with enough room. Then each "
         f"joint moves at {settings.speed_rad_s:.2g} rad/s against its hard stops and pushes with "
-        f"{100 * PUSH_SHARE:g} % of its torque limit; the guard stops the arm beyond {trips_rad_s:.3g} "
-        "rad/s"
+        f"{100 * PUSH_SHARE:g} % of its torque limit. The guard stops the arm beyond {trips_rad_s:.3g} rad/s"
     )
 
 
@@ -186,8 +185,8 @@ def run_weighing(
     limit_n = job.robot_file.limits.force_n
     if max(map(abs, forces_n)) >= limit_n:
         raise InputError(
-            f"{max(forces_n, key=abs):.4g} N: is not below limits.force_n of '{job.robot_file.name}', "
-            f"{limit_n:g} N"
+            f"{max(forces_n, key=abs):.4g} N: must be below limits.force_n of '{job.robot_file.name}', which "
+            f"is {limit_n:g} N"
         )
     with _unpowered(job) as (arm, stationary, _):
         for number, force_n in enumerate(forces_n):

@@ -69,9 +69,9 @@ class TeleopDemo:
         late = f" and {count(stalled, 'sample')} of touches that began while the machine missed ticks"
         return (
             f"felt force: differs from the real force by {100.0 * settled.share:.2g} % rms after the first "
-            f"estimate, not counting the first {1e3 * TOUCH_S:g} ms of every touch (passivity then withholds "
-            f"part of the damper's force){late if stalled else ''}; in all samples, it differs by "
-            f"{100.0 * self.rendered.share:.2g} %"
+            f"estimate. This figure excludes the first {1e3 * TOUCH_S:g} ms of every touch (passivity then "
+            f"withholds part of the damper's force){late if stalled else ''}. In all samples, the difference "
+            f"is {100.0 * self.rendered.share:.2g} %"
         )
 
 

@@ -168,7 +168,10 @@ class TargetStates:
             return False
         self.received += 1
         if dist(estimate.direction_world, DOWN) > 1e-3:
-            raise InputError("an estimate's press direction is not downward, as the virtual object requires")
+            raise InputError(
+                "the press direction of an estimate is not downward; the virtual object requires a downward "
+                "press"
+            )
         force_law(estimate.model)
         self._estimates[estimate.target] = estimate
         return True

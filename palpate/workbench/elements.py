@@ -166,8 +166,8 @@ def layout_of(height: int, **more: object) -> dict[str, Any]:
 
 
 ERROR = (
-    "Root mean square of measured minus predicted effort in runs that the gains were not fitted to: "
-    "each run is predicted from the others."
+    "Root mean square of measured minus predicted effort in runs that were not used for the fit: each run is "
+    "predicted from the others."
 )
 NOISE_LEVEL = "The error that noise alone would leave if no effect were missing, or an upper bound of it."
 ROUGH = "preview, refining …"
@@ -180,7 +180,10 @@ MAP = (
 )
 BUDGET = f"Shares of the base model's squared error in held-out runs, by kind of effect. {RANGE_MEANING}"
 STALE = "This result is for the effects that were ticked before; the new one is being computed."
-EVIDENCE = "Share of the held-out error that this effect removes in addition to the other ticked effects."
+EVIDENCE = (
+    "Share of the error in held-out runs that this effect removes if the other ticked effects are already "
+    "in the model."
+)
 ALIKE = (
     "After a diagnosis: effects that it cannot tell apart. Before a diagnosis: effects that change the model "
     "in nearly the same way (cosine above 0.95); a diagnosis may still tell them apart."
@@ -191,7 +194,7 @@ SAME = "Copy these lines to get exactly this fit on the command line or in Pytho
 STOP = "End the diagnosis; nothing is changed."
 BACK = "Reset the sliders to the fitted values."
 HOLD = "Keep this parameter at this value, and fit the others again."
-BOUND = "Fit again; if the parameter would leave the bounds, it is held at the nearer one."
+BOUND = "Fit again; if the fitted value is outside the bounds, the parameter is held at the nearer bound."
 RUNS = "Which runs are drawn. All are fitted; a run's held-out error comes from a fit to the other runs."
 LEFT_OUT = "Runs left out: they are neither fitted nor scored until they are put back."
 HELD_OUT = (
@@ -199,8 +202,8 @@ HELD_OUT = (
     "run is predicted from the others."
 )
 CURSORS = "Click on the curves to set cursor A or B, or type a time: values and differences are read there."
-KEEP = "Keep the chosen effects as a revision, as palpate add does; go back to it at any time."
-NOT_KEPT = ": the fit of all parameters; values of sliders, held values and bounds are not kept"
+KEEP = "Save the chosen effects as a revision, as palpate add does; you can go back to it at any time."
+NOT_KEPT = ": a new fit of all parameters, without your slider values, held values and bounds"
 REVISIONS = "Models of these runs that were saved here or by a command; choose one to go back to it."
 GATES = "Data are checked before fitting, because a fit to unsuitable data gives wrong parameters."
 DIAGNOSE = (
@@ -210,7 +213,7 @@ DIAGNOSE = (
 VERDICTS = {
     "adequate": "These data show no missing effect.",
     "missing": "These effects are missing; the form of each is exact unless it is marked as approximate.",
-    "unexplained": "Something is missing; no effect in the library has its form.",
+    "unexplained": "Something is missing, but no effect in the library explains it.",
     "insufficient": "No verdict is possible with these data; the reason says what to record.",
 }
 GATE = {
@@ -218,7 +221,7 @@ GATE = {
     "units": "units and times are consistent",
     "sync": "effort and motion agree in time and sign",
     "excitation": "excitation: the object is touched, and the signals change",
-    "readings": "readings: their resolution is fine enough, and they have kept their signs",
+    "readings": "readings: the resolution is fine enough, and no signs were lost",
     "saturation": "the sensor is not saturated",
 }
 EFFECTS = "Physical causes that the base model lacks; tick one to add it, untick it to remove it."
@@ -229,6 +232,6 @@ RESOLVE = (
 )
 DESIGNING = "Simulating the arm's experiments to find the most informative one; this takes up to two minutes."
 SEALED = (
-    "The session does not hold its simulated world (its hidden effects may not be revealed yet): probe again "
-    "with the same options, or begin with palpate resolve."
+    "The session does not contain its simulated world, perhaps because the hidden effects are not revealed "
+    "yet. Probe again with the same options, or begin with palpate resolve."
 )

@@ -142,7 +142,7 @@ def _next_step(home: AppState, state: WorkbenchState) -> None:
         try:
             following = await run.io_bound(lambda: state.study.next_probe([diagnosis]))
             if following is None:
-                ui.notify("no experiment with this arm would show more")
+                ui.notify("no experiment that this arm can do is expected to separate the explanations")
                 return
             text = plan_text(following.proposal, following.plan)
             write_text(output_folder(folder) / _NEXT, text)

@@ -61,7 +61,7 @@ def test_force_sensor_is_calibrated_within_its_uncertainty(tmp_path):
 
 def test_weights_beyond_the_limit_are_refused_before_opening(tmp_path):
     job = job_in(tmp_path, "force", [])
-    with pytest.raises(InputError, match=r"61 N: is not below limits\.force_n of 'follower', 60 N"):
+    with pytest.raises(InputError, match=r"61 N: must be below limits\.force_n of 'follower', which is 60 N"):
         runs.run_weighing(job, [0.0, 10.0, 61.0, 20.0, 10.0, 0.0], runs.put_simulated_weight)
     assert list(tmp_path.iterdir()) == []
 

@@ -73,7 +73,8 @@ def test_extended_model_is_compared_with_the_measurement(hardening, grown):
 def test_revision_of_other_rows_is_reported(grown, tmp_path):
     other = write_presses(tmp_path / "other.csv", seed=5)
     told = " ".join(run("compare", other, "--revision", 1, "--folder", grown[0]).stdout.split())
-    assert "revision 1 was fitted to other rows or with other import options; its saved error is" in told
+    assert "revision 1 was fitted to other rows or with other import options, so its errors here" in told
+    assert "differ from its saved error, " in told
 
 
 def test_noise_floor_does_not_depend_on_earlier_revisions(hardening, grown, tmp_path):

@@ -198,7 +198,7 @@ def signs_by(hand, monkeypatch, **options):
 @pytest.mark.parametrize(
     ("hand", "subject", "words"),
     [
-        (LazyHand, "sign of the force", "too small to judge"),
+        (LazyHand, "sign of the force", "too small to show the sign"),
         (LastingHand, "hands away", "remain after the press"),
         (ReturningHand, "hands away", "moves or is touched"),  # while the seconds are counted
     ],
@@ -381,7 +381,7 @@ def test_nonfinite_samples_are_a_failure(device):
     robot.buses["world"].faults.not_a_number = {device}
     with robot:
         (failure,) = failures(arm_check._examine_rates(robot, mock_robot_file()))
-    assert (failure.subject, failure.text) == (f"{device} samples", "some values are not numbers")
+    assert (failure.subject, failure.text) == (f"{device} samples", "some values are not finite numbers")
 
 
 def test_nonfinite_press_or_turn_is_a_failure():
@@ -607,7 +607,7 @@ def test_declined_power_is_not_reported_as_passed(monkeypatch):
     monkeypatch.setattr("palpate.commands.doctor._has_terminal", lambda: True)
     monkeypatch.setattr("typer.confirm", lambda question, **_: "Hands away" not in question)
     result = run("doctor", "--robot", ODRIVE, "--wire", "--move")
-    assert "is not checked completely" in result.stdout
+    assert "passes the checks that need no power" in result.stdout
     assert "passes all checks" not in result.stdout
     assert "--wire --move" in result.stderr
     assert "palpate probe" not in result.stderr

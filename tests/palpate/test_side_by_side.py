@@ -321,7 +321,9 @@ def test_large_differences_are_shown_as_plain_percent(soft, tmp_path):
 def test_extended_models_are_compared(hardening, tmp_path):
     softer = write_presses(tmp_path / "softer.csv", cubic=1e6, seed=8)
     base = run("compare", hardening, softer).stdout
-    assert "its parameters mean little: add the missing effects" in " ".join(base.split())
+    assert "the model's parameters may be far from the true values. Add the missing effects" in " ".join(
+        base.split()
+    )
     assert "cubic_stiffness" not in base
     run("add", hardening, "cubic_stiffness", "--out", tmp_path / "there")
     kept = ("--folder", tmp_path / "there", "--revision", 1)

@@ -249,7 +249,7 @@ def test_contradicting_settings_of_the_file_are_kept_and_reported():
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (HAND_MADE.replace("elbow", "wrist"), "no joint is called 'elbow'"),
+        (HAND_MADE.replace("elbow", "wrist"), "needs a joint 'elbow', but the file has none"),
         (HAND_MADE.replace("shoulder", "elbow"), "2 joints are called 'elbow'"),
         ('<!DOCTYPE m [<!ENTITY a "b">]><mujoco/>', "document type"),
         ("<robot/>", "its root is <robot>"),

@@ -234,7 +234,7 @@ def test_series_too_short_for_a_step_are_counted_instead_of_reported_as_unchange
     assert (content["tested"], content["changes"]) == (10, [])
     assert (content["least_for_step"], content["short"]) == (14, 10)
     stated = run("trend", tmp_path / "nightly").stdout
-    assert "10 of 10 series. When so many are tested, each needs 14 measurements" in " ".join(stated.split())
+    assert "10 of 10 series. With 10 series, each needs 14 measurements" in " ".join(stated.split())
     assert "nothing changes" not in stated
     assert "too short to detect a step" in (tmp_path / "nightly" / "trend.html").read_text()
     (alone,) = as_json("trend", tmp_path / "nightly", "--parameter", "coulomb_friction.torque")["changes"]
