@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.derivatives import grid_step
@@ -28,8 +27,7 @@ from palpate.estimation.signals.runwise import shifted_motion
 from palpate.robot_io.types import FloatArray
 
 DRAWS = 19  # largest number of bootstrap samples; the data exceed all 19 by chance once in twenty
-_MIN_SAMPLES = 4  # least number of samples before a test may stop early
-_LEVEL_TO_STOP = 1e-3  # probability that one more sample exceeds the data, if samples are normal
+_LEVEL_TO_STOP = 1e-3  # probability that one more sample exceeds the data, below which a test stops
 _FAR = 3.0  # ratio to the largest sample above which optimized inner parameters cannot change the result
 _STEP_GAIN = 1e-3  # least share of the error that an optimizer step must remove, far below `SMALL`
 _STARTS = 6  # additional start values of an effect's inner parameters on each sample
@@ -52,13 +50,16 @@ class BootstrapTest:
 
     @property
     def is_conclusive(self) -> bool:
-        """Whether the data exceed the prediction interval (Student's t) of one more normal sample."""
-        count = len(self.simulated)
-        if count < _MIN_SAMPLES:
-            return False
-        spread = float(np.std(self.simulated, ddof=1)) * np.sqrt(1.0 + 1.0 / count)
-        margin = scipy.special.stdtrit(count - 1, 1.0 - _LEVEL_TO_STOP) * spread
-        return self.is_significant and bool(self.observed > np.mean(self.simulated) + margin)
+        """Whether one more sample hardly exceeds the data, if samples have an exponential tail.
+
+        Statistics are mostly skewed, and many samples of a selected model are 0, so a normal distribution has
+        too short a tail. The mean of an exponential distribution that is known from n samples with sum s has
+        the predictive probability (1 + x / s)^-n of values above x.
+        """
+        # Samples without any improvement say little about the tail, so a negligible value is added to them.
+        total = SMALL + float(np.sum(np.maximum(self.simulated, 0.0)))
+        exceeded = (1.0 + max(self.observed, 0.0) / total) ** -len(self.simulated)
+        return self.is_significant and exceeded < _LEVEL_TO_STOP
 
 
 def sequential_test(observed: float, statistics: Iterator[float]) -> BootstrapTest:

@@ -244,16 +244,16 @@ def _is_heterogeneous(
 ) -> bool:
     """Test whether runs differ more than runs simulated from one law."""
 
-    def ratio(heterogeneity: RunHeterogeneity | None) -> float:
-        return heterogeneity.predicted / heterogeneity.alone if heterogeneity else 0.0
+    def excess(heterogeneity: RunHeterogeneity | None) -> float:
+        return heterogeneity.predicted / heterogeneity.alone - 1.0 if heterogeneity else 0.0
 
     def statistics() -> Iterator[float]:
         while True:
             noise = end.problem.blocked.reduce(heterogeneity.noise(rng))
             problem, solution = next(bootstrap_samples(end, measurement, rng, noise))
-            yield ratio(run_heterogeneity(problem.blocked, solution))
+            yield excess(run_heterogeneity(problem.blocked, solution, 0.0))
 
-    return sequential_test(ratio(heterogeneity), statistics()).is_significant
+    return sequential_test(excess(heterogeneity), statistics()).is_significant
 
 
 @dataclass(frozen=True)

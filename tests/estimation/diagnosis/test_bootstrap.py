@@ -115,16 +115,23 @@ def test_unknown_law_exceeds_all_bootstrap_samples(name):
         (0.05, (), 0, False),  # too small to count, whatever is drawn
         (1.0, (2.0, 3.0, 0.5), 1, False),  # one as large: the data will never be beyond all
         (1.0, (0.96, 0.1), 1, False),  # nor by enough
-        (1.0, (0.1,) * 30, 4, True),  # far beyond the first few: enough
-        (1.0, (0.9,) * 30, 4, True),  # they are all alike
+        (1.0, (0.01,) * 30, 3, True),  # far beyond the first few: enough
         (1.0, (0.9, 0.1) * 15, DRAWS, True),  # beyond all, but not far: all are needed
-        (1.0, (0.5, 0.4, 0.5, 0.4, 0.5, 0.4) * 5, 5, True),
+        (1.0, (0.1,) * 30, 12, True),
         (1.0, (0.9, 1.1, *(0.9,) * 30), 2, False),
     ],
 )
 def test_sampling_stops_once_the_answer_is_clear(observed, figures, drawn, is_unusual):
     found = sequential_test(observed, iter(figures))
     assert (len(found.simulated), found.is_significant) == (drawn, is_unusual)
+
+
+def test_skewed_statistics_of_noise_are_rarely_significant():
+    """Half of the samples are 0, as where a regression selects no signal; the others have a long tail."""
+    rng = np.random.default_rng(0)
+    values = rng.exponential(0.05, (2000, DRAWS + 1)) * (rng.random((2000, DRAWS + 1)) < 0.5)
+    tests = [sequential_test(observed, iter(others)) for observed, *others in values]
+    assert np.mean([test.is_significant for test in tests]) <= 0.05
 
 
 def test_samples_repeat_the_model_and_the_noise_only():
@@ -170,11 +177,13 @@ def test_rival_is_rejected_unless_it_is_equivalent(other, refused):
         (0.151, (0.1, 0.0), True, False),  # by more than a twentieth of the error
         (0.149, (0.1, 0.0), False, False),
         (0.04, (-0.2,) * 4, False, False),  # that a draw gained less than nothing proves nothing
-        (0.06, (-0.2,) * 4, True, True),
-        (0.16, (0.1,) * 3, True, False),
-        # of four draws with a spread of 0.0082, a fifth is 0.093 above their mean once in a thousand times
-        (0.189, (0.085, 0.095, 0.095, 0.105), True, True),
-        (0.187, (0.085, 0.095, 0.095, 0.105), True, False),
+        (0.06, (-0.2,) * 4, True, False),
+        (0.06, (-0.2,) * 9, True, True),
+        (0.4, (0.0,) * 3, True, False),
+        (0.5, (0.0,) * 3, True, True),
+        # With four draws of sum 0.05 and the negligible 0.05, a fifth is 0.46 once in a thousand times.
+        (0.47, (0.01, 0.0, 0.03, 0.01), True, True),
+        (0.46, (0.01, 0.0, 0.03, 0.01), True, False),
     ],
 )
 def test_unusual_statistic_exceeds_all_samples_by_a_margin(observed, drawn, unusual, clear):
@@ -323,7 +332,7 @@ def test_each_form_of_an_effect_is_fitted_to_a_sample():
 @pytest.mark.parametrize(("friction_nm", "unusual"), [(0.05, True), (0.0, False)])
 def test_inner_parameters_are_refitted_for_unclear_samples(friction_nm, unusual, monkeypatch):
     monkeypatch.setattr(bootstrap, "DRAWS", 5)
-    monkeypatch.setattr(bootstrap, "_MIN_SAMPLES", 6)  # so that they never are
+    monkeypatch.setattr(bootstrap, "_LEVEL_TO_STOP", 0.0)  # never stop early
     monkeypatch.setattr(bootstrap, "_FAR", np.nan)  # no observation is far beyond
     asked, plain = [], bootstrap.optimize_inner
     monkeypatch.setattr(bootstrap, "optimize_inner", lambda *given: asked.append(1) or plain(*given))
