@@ -235,6 +235,7 @@ _MIN_PULL = 0.5  # least force of the weaker sign, relative to the stronger
 _MIN_AUTOCORRELATION = 0.5  # least correlation of consecutive readings that are not only noise
 _MIN_MOVE, _MIN_MOVES = 1e-3, 0.5  # least relative step of a move; share of moves below which holds dominate
 _MIN_AIR_RANGE = 0.1  # share of the displacement's range that free air must span
+_MIN_SLOPE = 0.2  # least slope of a force that follows the displacement, times the ratio of their ranges
 
 
 @dataclass(frozen=True)
@@ -261,6 +262,9 @@ def press_sides(displacement: FloatArray, force: FloatArray) -> PressSides:
     """
     sides = _sides_of_object(displacement, force)
     is_two_sided = _is_two_sided(displacement, force)
+    if not is_two_sided and _pulls_to_its_end(displacement, force):
+        sign = float(np.sign(correlation_coefficient(displacement, force)))
+        return PressSides(force=sign, two_sided=True, never_free=True)
     # In free air a force is at rest: consecutive readings differ as much as any others. A force that changes
     # smoothly farthest outside the object belongs to an element that is attached at both ends.
     depth = sides.displacement * displacement - sides.zero_m
@@ -331,6 +335,28 @@ def _find_zero(displacement: FloatArray, force: FloatArray) -> float:
     stiffness, _, offset = np.linalg.lstsq(columns[pressed], force[pressed] - levels.free, rcond=None)[0]
     begins = -offset / stiffness if stiffness > 0.0 else high
     return float(np.clip(begins, np.min(free), np.quantile(displacement[pressed], _SHALLOW)))
+
+
+def _pulls_to_its_end(displacement: FloatArray, force: FloatArray) -> bool:
+    """Return whether a force (n,) of both signs follows the displacement (n,) up to the end where it pulls.
+
+    A clamped object that relaxes while it is deformed pulls on its way back, wherever the zero of the
+    displacement is. An object that sticks may pull as much, but it detaches: its force rests in free air at
+    this end, at least on the way in.
+    """
+    stronger = np.sign(np.sum(np.quantile(force, _TAILS)))
+    low, high = np.quantile(stronger * force, _TAILS)
+    if -low <= _MIN_OTHER_SIDE * high:
+        return False
+    depth = np.sign(stronger * correlation_coefficient(displacement, force)) * displacement
+    is_outermost = depth <= depth.min() + _MIN_AIR_RANGE * np.ptp(depth)
+    direction = np.sign(np.gradient(depth))
+    for way in (-1.0, 1.0):
+        x, pull = (signal[is_outermost & (direction == way)] for signal in (depth, stronger * force))
+        follows = len(x) >= _MIN_SAMPLES and correlation_coefficient(x, pull) > _ELASTIC
+        if not follows or np.polyfit(x, pull, 1)[0] * np.ptp(depth) < _MIN_SLOPE * np.ptp(force):
+            return False
+    return True
 
 
 def _is_two_sided(displacement: FloatArray, force: FloatArray) -> bool:

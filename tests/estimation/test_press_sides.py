@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from palpate.estimation.base_model import ModelContext
 from palpate.estimation.channel import ChannelKind
@@ -16,12 +17,14 @@ from palpate.estimation.data_quality import quality_warnings, reject_reason
 from palpate.estimation.estimate_channel import estimate_channel
 from palpate.estimation.estimators import ESTIMATORS
 from palpate.estimation.models import MODELS
+from palpate.estimation.study import ModelStudy
 from palpate.estimation.study.channels import channels_for_model
 from palpate.estimation.study.source import open_source
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import SessionMetadata, write_session
 from tests.estimation.press_tables import imported
 from tests.estimation.presses import kelvin_voigt, motion
+from tests.few_effects import try_few_effects
 
 T = np.arange(3000) * 0.005
 RUN = np.repeat([0, 1, 2], 1000)
@@ -175,13 +178,15 @@ def test_free_air_and_a_sticky_object_are_one_sided():
         assert not press_sides(PRESS_X, force).two_sided
 
 
-@pytest.mark.parametrize("share", [0.3, 0.6, 0.8])
-def test_object_that_pulls_until_it_tears_off_is_one_sided(share):
+@pytest.mark.parametrize(
+    ("share", "zero_m"), [(0.3, 0.0), (0.6, 0.0), (0.8, 0.0), (0.3, -0.01), (0.8, -0.01), (1.0, -0.01)]
+)
+def test_object_that_pulls_until_it_tears_off_is_one_sided(share, zero_m):
     """On its way out it pulls over most of the way in free air, as a soft object pulls a small probe."""
     x, v = 0.002 + 0.006 * np.sin(W * T), np.cos(W * T)
     pulls = np.where((x < 0.0) & (x > share * x.min()) & (v < 0.0), 600.0 * x, 0.0)
-    assert not press_sides(x, 500.0 * np.maximum(x, 0.0) + pulls + NOISE).two_sided
-    assert press_sides(x, 500.0 * x + NOISE).two_sided
+    assert not press_sides(x - zero_m, 500.0 * np.maximum(x, 0.0) + pulls + NOISE).two_sided
+    assert press_sides(x - zero_m, 500.0 * x + NOISE).two_sided
 
 
 @pytest.mark.parametrize(
@@ -298,6 +303,26 @@ def test_relaxing_stretched_fiber_is_held_at_both_ends(sign):
     )
     assert reject_reason(channel) is None
     np.testing.assert_allclose(channel.effort, RELAXING)  # a spring from the gap's zero on has this sign
+
+
+@pytest.mark.parametrize(("way", "sign"), [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0)])
+def test_relaxation_of_a_clamped_strip_that_pulls_back_is_named(way, sign, monkeypatch):
+    """A machine stretches a strip in cycles and returns it faster than it recovers, never beyond its zero."""
+    rows = (60, 90, 75)  # of a cycle in each run
+    part = np.concatenate([np.arange(8 * count) / count % 1.0 for count in rows])
+    x = 1.3e-3 * np.clip(2.0 - np.abs(6.0 * part - 2.5), 0.0, 1.0)
+    step_s, tau_s = 0.02, 1.0
+    kept = np.exp(-step_s / tau_s)
+    relaxing = lfilter([tau_s * (1.0 - kept) / step_s], [1.0, -kept], np.diff(x, prepend=0.0))
+    force = 500.0 * x + 900.0 * relaxing + np.random.default_rng(5).normal(0.0, 0.01, len(x))
+    time_s, run = step_s * np.arange(len(x)), np.repeat([0, 1, 2], 8 * np.array(rows))
+    table = {"time_s": time_s, "displacement_m": way * x, "force_N": sign * force, "run": run}
+    try_few_effects(monkeypatch, few=("adhesion", "bias", "drift", "dry_friction", "stress_relaxation"))
+    (found,) = ModelStudy(open_source(table)).diagnose().channels
+    assert [entry.effect for entry in found.accepted] == ["stress_relaxation"]
+    truths = {"stiffness.k": 500.0, "stress_relaxation.k1": 900.0, "stress_relaxation.tau": tau_s}
+    values = {name: found.final.parameters[name].value for name in truths}
+    assert values == pytest.approx(truths, rel=0.02)
 
 
 def test_pure_force_noise_is_not_two_sided():
