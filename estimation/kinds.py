@@ -56,13 +56,13 @@ _SEPARATING = {
         "but the delay of a reading does not change"
     ),
     (Kind.RATE_DEPENDENCE, Kind.TIME_MEMORY): (
-        "hold the position for several times the longest move: relaxation continues, but a damper's force "
-        "ends with the motion"
+        "hold the position several times as long as the longest move takes: relaxation continues, but a "
+        "damper's force ends with the motion"
     ),
     (Kind.RATE_DEPENDENCE, Kind.FRICTION): (
         "move at a tenth of the speed: dry friction does not change, but viscous forces fall to a tenth"
     ),
-    (Kind.ELASTIC_SHAPE, Kind.SENSOR_STATICS): "measure known loads: a sensor errs there too",
+    (Kind.ELASTIC_SHAPE, Kind.SENSOR_STATICS): "apply known loads: a sensor's error also appears there",
     (Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY): "move to one position at two speeds, and hold there",
     (Kind.ELASTIC_SHAPE, Kind.CONTACT_GEOMETRY): (
         "press again on the same spot, and slowly through the first touch"
@@ -82,7 +82,9 @@ _SEPARATING = {
     (Kind.CONTACT_GEOMETRY, Kind.TIME_MEMORY): (
         "press again after a long rest: a permanent set remains, but relaxation recovers"
     ),
-    (Kind.GRAVITY_LOAD, Kind.ELASTIC_SHAPE): "move over a wider range: gravity repeats once a turn",
+    (Kind.GRAVITY_LOAD, Kind.ELASTIC_SHAPE): (
+        "move over a wider range: gravity repeats in each turn, but a spring does not"
+    ),
     (Kind.GRAVITY_LOAD, Kind.SENSOR_STATICS): (
         "hold the joint at two angles half a turn apart: the torque of a weight changes sign, but a bias "
         "does not"
@@ -103,5 +105,7 @@ def separating_experiment(first: Kind, second: Kind) -> str:
         first: kind of one effect.
         second: kind of the effect that may be confused with it.
     """
-    general = "repeat the motion with other speeds, ranges and holds, so that the two act at different times"
+    general = (
+        "repeat the motion with other speeds, ranges and holds, so that the two kinds act at different times"
+    )
     return _SEPARATING.get((first, second)) or _SEPARATING.get((second, first), general)

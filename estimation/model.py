@@ -85,8 +85,8 @@ class Model:
         duplicates = {name for name in names if names.count(name) > 1}
         if duplicates:
             raise InputError(
-                f"model '{self.name}' would have {', '.join(sorted(duplicates))} more than once, "
-                "but an effect of the base model or of an earlier revision cannot be added again"
+                f"model '{self.name}' would contain {', '.join(sorted(duplicates))} twice; an effect that "
+                "the base model or an earlier revision contains cannot be added again"
             )
 
     def with_effect(self, effect: Effect, *, first: bool = False) -> "Model":

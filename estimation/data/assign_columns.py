@@ -377,9 +377,9 @@ def _subtract_deflection(
     unit = unit_in_name(column)
     if is_named or len(bases) != 1 or dimension_of(unit) != "length" or "deflection" not in column.lower():
         note = (
-            f"{fact} except for rounding, so one may have been computed from the other, or the displacement "
-            "may be the deflection of the force sensor; if another column holds the displacement, add "
-            "--column displacement=COLUMN"
+            f"{fact} except for rounding: either one was computed from the other, or '{column}' is the "
+            "deflection of the force sensor. If another column holds the displacement, add --column "
+            "displacement=COLUMN"
         )
         return table, chosen, [note]
     stem, base_unit = split_unit(bases[0])
@@ -448,9 +448,9 @@ def _orient_signs(
     notes = []
     if keeps_sign:
         notes.append(
-            f"according to its name, '{force.column}' holds absolute values, so its sign is kept although "
-            f"it falls where '{depth.column}' rises; if another column holds the signed force, add "
-            "--column force=COLUMN"
+            f"'{force.column}' falls where '{depth.column}' rises, but keeps its sign, because its name says "
+            "that it holds absolute values; if another column holds the signed force, add --column "
+            "force=COLUMN"
         )
     if flipped:
         keep = " ".join(f"--unit {key[0]}={assigned[key].fixed_unit}" for key in flipped)
@@ -475,26 +475,25 @@ def _orient_signs(
     pulls = sides.elastic or is_named or POSITION in assigned
     if not pulls:
         note = (
-            f"{names} but, as with a damper, do not change sign together, so they are read as a linear "
-            f"axis; {contact}"
+            f"{names}, but at different times, as with a damper, so they are read as a linear axis; {contact}"
         )
         result = {POSITION if key == DISPLACEMENT else key: source for key, source in result.items()}
     elif sides.never_free:
         note = (
-            f"'{force.column}' varies at every displacement, so there is no free air, and the data are "
+            f"'{force.column}' varies at every displacement. The data therefore contain no free air, and are "
             "read as an element held at both ends, without a surface"
         )
         recorded = depth.factor * units.table.numbers(depth.column)
         if abs(np.mean(recorded)) > _FAR_FROM_ZERO * np.ptp(recorded):
             note += (
                 f"; the displacement varies by only {1e3 * np.ptp(recorded):.2g} mm around "
-                f"{1e3 * np.mean(recorded):.2g} mm, so the stiffness depends on its zero; subtract the "
-                "displacement of the unloaded element"
+                f"{1e3 * np.mean(recorded):.2g} mm, so the stiffness depends on where the displacement is "
+                "zero; subtract the displacement of the unloaded element"
             )
     else:
         note = (
-            f"{names} and change sign together, so they are read as an element that pulls and pushes, "
-            f"without a surface; {contact}; to read them as a linear axis, add --column position={quoted}"
+            f"{names} at the same times, so they are read as an element without a surface, which pulls and "
+            f"pushes; {contact}; to read them as a linear axis, add --column position={quoted}"
         )
     return result, pulls, ["; ".join([*notes, note])]
 

@@ -90,8 +90,9 @@ def channel_sources(columns: ColumnAssignment) -> list[ChannelSource]:
         if len(table.names) > _MANY_TIMES * len(table):
             raise InputError(
                 f"{table.path}: has {len(table)} rows and {len(table.names):,} columns without names, so "
-                "each row seems to hold a signal; save the table transposed, as with numpy.savetxt(NEW, "
-                "numpy.loadtxt(FILE).T), or begin each row with the name of its signal and a comma"
+                "each row seems to hold a signal. Either save the table transposed, for example with "
+                "numpy.savetxt(NEW, numpy.loadtxt(FILE).T), or begin each row with the name of its signal "
+                "and a comma"
             )
         first_row = f" (the file has no column names; its first row is {cells})"
     if len(table.names) == 1:

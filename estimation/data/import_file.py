@@ -59,8 +59,8 @@ _MIN_SPECIMENS = 2
 _CLOCK_UNITS = (1.0, 1e-3, 1e-6, 1e-9)  # units that a time without a unit may have [s]
 _SAME_SPAN = 1.05  # largest ratio of the durations of two clocks that agree
 _SPECIMENS_NOTE = (
-    "{1} {0} objects, whose runs are read as runs of one object; add either --where {2} to read only one "
-    "object, or --fresh-runs to read all and state that no run affects another"
+    "{1} {0} objects, but all runs are read as runs of one object. To read only one object, add --where {2}; "
+    "to read all, and state that no run affects another, add --fresh-runs"
 )
 _SAME_RATIO = 0.05  # largest relative deviation of a wrong unit from a known one
 _MOTOR_WORDS, _JOINT_WORDS = frozenset(["motor", "rotor"]), frozenset(["joint", "output", "link"])
@@ -174,7 +174,7 @@ def _context_signals(
         name = re.sub(r"\W+", "_", column, flags=re.ASCII)[:_MAX_SIGNAL_LENGTH]
         if name in _RESERVED_SIGNALS:
             notes.append(
-                f"column '{column}' is kept as the signal recorded_{name}, since palpate computes a signal "
+                f"column '{column}' is kept as the signal recorded_{name}, because palpate computes a signal "
                 f"{name} itself"
             )
             name = f"recorded_{name}"
@@ -295,9 +295,9 @@ def _make_channel(
         )
         if TIME not in columns:
             notes.append(
-                "neither time nor position is recorded; if each row is a steady state, only effects of "
-                f"{name} can be trusted, not those of position, acceleration or time; add --context COLUMN "
-                "for other conditions of the rows, such as a load"
+                "neither time nor position is recorded. If each row is a steady state, only effects of "
+                f"{name} can be trusted, not effects of position, acceleration or time. For other conditions "
+                "of the rows, such as a load, add --context COLUMN"
             )
     else:
         if source.kind.is_angle:

@@ -90,7 +90,9 @@ def import_files(
         run_names = part.run_labels.values()
         labels += [path.name] if len(run_names) == 1 else [f"{path.name} {label}" for label in run_names]
         extra = [channel.name for channel in part.channels if channel.name not in names]
-        ignored = [f"{', '.join(extra)} left out, since {paths[0].name} has no such channel"] if extra else []
+        ignored = (
+            [f"{', '.join(extra)} left out, because {paths[0].name} has no such channel"] if extra else []
+        )
         for note in (*part.notes, *ignored):
             noted.setdefault(note, path.name)  # keep the first file with this note
     notes = (*prose, *(f"{name}: {note}" for note, name in noted.items()))

@@ -35,7 +35,8 @@ _REPEATED_NOTE = (  # notes with the number of rows, the column, and the column 
 )
 _PACKETS_NOTE = "'{1}' stamps rows in packets that follow an even clock, so {0} rows are spaced evenly"
 _LATE_NOTE = (
-    "'{1}' stamps {0} rows late, in bursts after gaps, so their times are spaced evenly over gap and burst"
+    "'{1}' stamps {0} rows late, in bursts after gaps. Their times are therefore spaced evenly over each gap "
+    "with its burst"
 )
 
 
@@ -87,9 +88,9 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
         notes.append((_REPEATED_NOTE if repeats else _PACKETS_NOTE).format(len(order), *clock))
     if TIME not in columns:
         notes.append(
-            "no time column was found, so rows are assumed to be 1 s apart, and the unit of time in speeds, "
-            "damping, inertia and relaxation times is one row instead of one second; "
-            f"{columns.clock_advice}; {_interval_advice(columns, run)}"
+            "no time column was found, so rows are assumed to be 1 s apart. In speeds, damping, inertia and "
+            f"relaxation times, one second therefore means one row; {columns.clock_advice}; "
+            f"{_interval_advice(columns, run)}"
         )
     elif (added_s := float(np.max(times_s - columns.values(TIME)))) > 0.0:
         notes.append(

@@ -181,7 +181,8 @@ def read_ros_table(path: Path) -> FileColumns:
         raise InputError(f"{path}: topic '{topic}' {reason}")
     if len(columns["time_s"]) > 1 and not np.any(columns["time_s"]):
         raise InputError(
-            f"{path}: topic '{topic}': every message has the same header.stamp; let the driver set it"
+            f"{path}: topic '{topic}': every message has the same header.stamp; configure the driver to "
+            "stamp each message"
         )
     order = np.unique(columns["time_s"], return_index=True)[1]
     table = pa.table({name: values[order] for name, values in columns.items()})

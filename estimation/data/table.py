@@ -164,8 +164,8 @@ class Table(FileColumns):
                 if ambiguity := thousands_ambiguity(cells, float(unmarked.max(initial=0.0)), self.decimal):
                     whole = trimmed[int(np.argmax(unmarked >= MIN_UNMARKED))]
                     raise InputError(
-                        f"{self.place(np.argmax(marked), name)}: {ambiguity}, since numbers such as '{whole}'"
-                        " have no decimal mark; write numbers without thousands separators"
+                        f"{self.place(np.argmax(marked), name)}: {ambiguity}, because numbers such as "
+                        f"'{whole}' have no decimal mark; write numbers without thousands separators"
                     )
             values.setflags(write=False)
             self._numbers[name] = values

@@ -218,7 +218,7 @@ def _check_blocks(data: ChannelData, good: BoolArray) -> str | None:
     if parts.sum() < 2:
         step_s = sample_time(data.time_s, data.run)
         unit = f", or check the unit of time: samples are {step_s:.2g} s apart"
-        reason = f"fewer than two runs have {least} samples or more; record longer runs"
+        reason = f"at least two runs must have {least} samples or more; record longer runs"
         return reason + (unit if step_s < MIN_STEP_S else "")
     blocked = block_average(data, good)
     if not blocked.can_hold_out:
@@ -229,7 +229,7 @@ def _check_blocks(data: ChannelData, good: BoolArray) -> str | None:
             )
         return "at most one run has motion, so no run can be held out; record more runs"
     if len(np.unique(blocked.fold[ArNoise(np.zeros(ORDER)).used(blocked.run, blocked.trusted)])) < 2:
-        return f"fewer than two runs last {(ORDER + 1) * least} samples or more; record longer runs"
+        return f"at least two runs must last {(ORDER + 1) * least} samples or more; record longer runs"
     return None
 
 

@@ -155,7 +155,8 @@ def misaligned(data: ChannelData) -> str | None:
                 side = "late" if seconds > 0.0 else "early"
                 return (
                     f"the force is {abs(seconds):.1f} s {side} relative to the motion (correlation "
-                    f"{shifted:.2f} if shifted, {correlation:.2f} as recorded); align their times in the file"
+                    f"{shifted:.2f} if shifted, {correlation:.2f} as recorded); align force and motion in "
+                    "the file"
                 )
     return None
 
@@ -179,7 +180,7 @@ def no_contact(data: ChannelData) -> str | None:
         # Readings that change slowly are not noise: an object may begin to push above the assumed surface.
         is_noise = noise < _AIR_SIGMAS * _SMOOTH * noise_between_samples(data.effort, data.run, ~pressed)
         if is_small and is_noise and misaligned(data) is None:
-            return "no contact: the force while pressed is no more than the noise in free air"
+            return "no contact: the force during the presses does not exceed the noise in free air"
     depth, peak = np.where(pressed, data.position, 0.0), int(np.argmax(np.abs(data.effort))) + 1
     trend = correlation_coefficient(depth, data.effort)
     rises = correlation_coefficient(depth[:peak], data.effort[:peak]) > -_NEGATIVE  # before the object tears
@@ -247,8 +248,8 @@ def late_touch(data: ChannelData) -> str | None:
     shallow = np.abs(data.effort[loading] - air_level)[data.position[loading] <= silent]
     if len(shallow) and np.median(shallow) >= noise:
         return (
-            f"after the first contact, {stays}, so the object has not recovered when it is pressed again; "
-            "rest longer between contacts if each contact is to begin at the undeformed surface"
+            f"after the first contact, {stays}, so the object has not recovered when it is pressed again. If "
+            "each contact should begin at the undeformed surface, rest longer between contacts"
         )
     return (
         f"{stays}; if the surface is that deep, subtract this depth from the "
@@ -378,7 +379,8 @@ def angle_in_degrees(data: ChannelData, model: Model | None) -> str | None:
             return None
     is_unclear = data.units.get("position") != "deg"
     return (
-        f"the joint turns {turns:.0f} times, but its effort does not repeat each turn, as gravity would; "
+        f"the joint turns {turns:.0f} times, but its effort does not repeat in each turn, although a "
+        "weight's torque would; "
         + "if the angle is in degrees, use --unit position=deg; " * is_unclear
         + "if it is the motor's angle, divide it by the gear ratio"
     )

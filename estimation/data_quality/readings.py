@@ -223,8 +223,8 @@ def copied(copies: Mapping[int, tuple[int, float | None]]) -> str:
     same = "all of its readings are" if match is None else f"{100.0 * match:.0f} % of its noise is"
     remedy = ", or vary the motion of a simulation" if match is None else ""
     return (
-        f"run {run} is a copy of run {first}{others}: {same} the same, so "
-        f"it adds no information and is left out; record it again{remedy}"
+        f"run {run} is a copy of run {first}{others}: {same} the same, so run {run} adds no information and "
+        f"is left out; record it again{remedy}"
     )
 
 
@@ -300,8 +300,8 @@ def rectified(data: ChannelData) -> str | None:
     count, noise = _count_folded(effort, data.run)
     if not count and _is_magnitude(effort, data):
         return (
-            "no reading is below zero, but the effort follows the motion only if its sign changes, so it was "
-            "recorded as an absolute value; record it with its sign"
+            "no reading is below zero, but the effort fits the motion only with changing signs. The effort "
+            "was therefore recorded as an absolute value; record it with its sign"
         )
     reason = _FOLDED.format(count=count, noise=noise, unit=data.effort_unit)
     return f"{reason}; record it with its sign" if count else None

@@ -188,9 +188,9 @@ def time_offset(data: ChannelData, model: Model | None) -> str | None:
         return None
     unit, side = data.effort_unit, "late" if best_s > 0.0 else "early"
     return (
-        f"the effort is {1e3 * abs(best_s):.2g} ms {side} relative to the motion: the error of "
-        f"{model.name} is {with_unit(recorded, unit)} as recorded, and falls to the noise level of "
-        f"{with_unit(error, unit)} if shifted; align their times in the file"
+        f"the effort is {1e3 * abs(best_s):.2g} ms {side} relative to the motion: the error of {model.name} "
+        f"is {with_unit(recorded, unit)} as recorded, and falls to the noise level of "
+        f"{with_unit(error, unit)} if the effort is shifted by this time; align effort and motion in the file"
     )
 
 
@@ -231,7 +231,7 @@ def lost_rows(data: ChannelData) -> str | None:
         return None
     lost = float(np.sum(ratio[jumps] - 1.0)) / len(ratio)
     return (
-        f"the motion jumps by {np.median(ratio[jumps]):.2g} steps at {np.sum(jumps)} places although "
-        f"the times are evenly spaced, so about {100.0 * lost:.1f} % of the rows seem to be lost, and "
+        f"the motion jumps by {np.median(ratio[jumps]):.2g} steps at {np.sum(jumps)} places although the "
+        f"times are evenly spaced. About {100.0 * lost:.1f} % of the rows therefore seem to be lost, and "
         "effects of the velocity are estimated wrongly; record all rows, or restore the true times"
     )

@@ -462,8 +462,8 @@ def _reason(
     unit, last = evidence.search.data.effort_unit, evidence.stages[-1].rmse
     if verdict is Verdict.ADEQUATE:
         explained = (
-            ", and a flexible regression explains no more of this error than it does in data simulated from "
-            "the model"
+            ", and a flexible regression explains no more of this error than of the error in data simulated "
+            "from the model"
         )
         return (
             "no effect of the library lowers the error in held-out runs by more than chance"
@@ -528,7 +528,10 @@ def _describe_motion_error(evidence: Evidence) -> str:
         for cause, error_of in causes.items():
             if left <= (most := error_of(end, evidence.measurement)):
                 explained = f"the {with_unit(left, unit)} that a flexible regression explains"
-                return f"; {cause} causes errors of up to {with_unit(most, unit)}, which may be {explained}"
+                return (
+                    f"; {cause} causes errors of up to {with_unit(most, unit)}, enough to account for "
+                    f"{explained}"
+                )
     return ""
 
 

@@ -223,10 +223,10 @@ class JointSpring(AdditiveEffect):
         if parameters["k"] >= 0.0:
             return self.physics
         return (
-            "The stiffness is negative, so this is not a passive spring. A raised weight pushes a joint away "
-            "from one position. A spring looks the same if the effort or the position was recorded with the "
-            "opposite sign, and so does the command of a position controller, Kp (setpoint - q), if it is "
-            "recorded as the effort."
+            "The stiffness is negative, so this is not a passive spring. There are three common causes: a "
+            "raised weight, which pushes a joint away from one position; an effort or a position with the "
+            "opposite sign; or the command of a position controller, Kp (setpoint - q), recorded as the "
+            "effort."
         )
 
 
@@ -244,7 +244,7 @@ class JointElasticity(MotionEffect):
     inner = (Parameter("compliance", "{position}/{effort}", 0.0, 1e9, (1e-05, 0.1), log=True),)
     needs = ("load",)
     confused_with = {
-        "lag": "move slowly under a large load: a spring also yields at rest, but a lag has no effect there",
+        "lag": "move slowly under a large load: a spring still yields, but a lag has no effect",
         "inertia": (
             "move at two frequencies: the effect of elasticity grows with the fourth power of the frequency"
         ),

@@ -88,7 +88,7 @@ class LoadDependentFriction(CoulombFriction):
 
     name = "load_dependent_friction"
     physics = "Gear teeth and bearings rub in proportion to the load they carry."
-    equation = "effort = mu |load| tanh(v/transition); of a pendulum, load = weight + link_share J a"
+    equation = "effort = mu |load| tanh(v/transition); for a pendulum, load = weight + link_share J a"
     source = (
         "A. C. Bittencourt, S. Gunnarsson, J. Dyn. Sys. Meas. Control 134 (2012); "
         "P. Hamon, M. Gautier, P. Garrec, IEEE/RSJ IROS (2010)"

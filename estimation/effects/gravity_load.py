@@ -25,7 +25,7 @@ class KnownRigidBody(AdditiveEffect):
     needs = ("rigid_body_torque",)
     confused_with = {
         "payload": "weigh the tool: a payload acts on all joints",
-        "torque_gain": "hold a known weight: a wrong gain changes its torque too",
+        "torque_gain": "hold a known weight: a wrong gain also changes the torque of this weight",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:

@@ -178,7 +178,7 @@ class BoucWenHysteresis(AdditiveEffect):
     confused_with = {
         "presliding_friction": "reverse halfway: dry friction then approaches its limit exponentially",
         "dry_friction": "reverse halfway: dry friction then approaches its limit exponentially",
-        "hysteresis": "reverse slowly at several loads: a hysteresis of the sensor depends on the effort",
+        "hysteresis": "reverse slowly at several loads: a sensor's hysteresis spans a fixed effort",
         "stress_relaxation": "hold: hysteresis stops with the motion, but relaxation continues",
         "damping": "probe at two speeds: hysteresis does not depend on speed",
     }
@@ -221,7 +221,7 @@ class Backlash(MotionEffect):
         "presliding_friction": "reverse slowly: friction changes sign, but in a gap the effort vanishes",
         "loaded_backlash": "reverse with the load to one side: the link then stays on one side of the gap",
         "hysteresis": (
-            "reverse slowly at several loads: a gap is crossed in position, but a hysteresis in effort"
+            "reverse slowly at several loads: a gap spans a fixed distance, but a hysteresis a fixed effort"
         ),
         "coulomb_friction": "reverse slowly",
         "joint_elasticity": (

@@ -20,7 +20,9 @@ _FEWEST_RUNS = 3
 _COMMON = 2.0  # ratio of mean to standard deviation over runs that chance does not reach
 _JUMPS = 0.5  # least ratio of the jumps between consecutive runs to the changes from run to run
 _SINGULAR = 1e-10
-_SHARE = "share is the part of a run's own value in its first quarter that holds for the rest of the run."
+_SHARE = (
+    "The value is estimated in the first quarter of a run; share is the fraction of it that the rest keeps."
+)
 
 
 class RunVariation(SensorEffect):
@@ -201,7 +203,8 @@ class RunGain(RunVariation):
     confused_with = {
         "torque_gain": "record more runs: a wrong constant is the same in all",
         "run_offset": (
-            "compare small efforts: an offset changes them as much as large ones, but a gain does not"
+            "compare small and large efforts: an offset changes both equally, but a gain changes large ones "
+            "more"
         ),
         "recorded_dependence": "also record the suspected cause, such as a temperature",
     }
@@ -262,8 +265,11 @@ def _first_effort(data: ChannelData) -> BoolArray:
 class RunRipple(RunVariation):
     name = "run_ripple"
     kind = Kind.RUN_DIFFERENCES
-    physics = "Magnets and teeth cause ripple, and the encoder's zero is where it was switched on. " + _SHARE
-    equation = "reading = effort + s_r sin(n q) + c_r cos(n q), s_r and c_r of each run"
+    physics = (
+        "Magnets and teeth cause ripple, whose phase changes because the encoder is zero where it was "
+        "switched on. "
+    ) + _SHARE
+    equation = "reading = effort + s_r sin(n q) + c_r cos(n q), with own s_r and c_r in each run"
     source = "J. Holtz, L. Springob, IEEE Trans. Industrial Electronics 43 (1996)"
     signature = "a wave over position with the same wavelength in all runs and a different phase in each"
     signals = ("position", "recorded")

@@ -102,7 +102,7 @@ class ForceSensorError(AdditiveEffect):
     gains = (Parameter("share", "1", 0.5, 1.5, (0.9, 1.1)),)
     needs = ("contact_torque_per_newton", "force_beyond_reading")
     confused_with = {
-        "force_deadband": "press at several forces: a dead band reduces all by the same amount",
+        "force_deadband": "press at several forces: a dead band reduces all readings by the same amount",
         "payload": "compare free air with contact: a payload acts in both",
     }
 
@@ -162,8 +162,8 @@ class ForceDeadband(AdditiveEffect):
     gains = (Parameter("width", "N", 0.0, 1e12, (0.01, 10.0)),)
     needs = ("contact_torque_per_newton", "touching")
     confused_with = {
-        "torque_gain": "press at several forces: a dead band reduces all by the same amount",
-        "force_sensor_error": "press at several forces: a dead band reduces all by the same amount",
+        "torque_gain": "press at several forces: a dead band reduces all readings by the same amount",
+        "force_sensor_error": "press at several forces: a dead band reduces all readings by the same amount",
         "payload": "compare free air with contact: a payload acts in both",
     }
 
@@ -264,7 +264,7 @@ class Hysteresis(SensorEffect):
     confused_with = {
         "bouc_wen_hysteresis": "reverse slowly at several loads: a sensor's loops all have the same width",
         "backlash": (
-            "reverse slowly at several loads: a gap is crossed in position, but a hysteresis in effort"
+            "reverse slowly at several loads: a gap spans a fixed distance, but a hysteresis a fixed effort"
         ),
         "dry_friction": "reverse slowly at several depths",
         "coulomb_friction": "reverse slowly at several loads",

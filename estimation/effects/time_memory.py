@@ -146,8 +146,8 @@ class PowerLawRelaxation(_Relaxation, MemoryEffect):
         "scale-free relaxation of cells"
     )
     signature = (
-        "force in a hold falls by the same amount in each decade of time; its peak grows as a small "
-        "power of speed"
+        "force in a hold falls by the same amount in each decade of time; the peak force grows as a small "
+        "power of the speed"
     )
     signals = ("past motion",)
     channels = frozenset({ChannelKind.CONTACT})

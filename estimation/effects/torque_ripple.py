@@ -44,8 +44,8 @@ class TorqueRipple(AdditiveEffect):
     )
     inner = (Parameter("cycles", "1/{position}", 0.05, 100000.0, (2.0, 100.0)),)
     confused_with = {
-        "joint_spring": "move over a wide range: a spring does not repeat",
-        "gravity_tilt": "move over a wide range: gravity repeats once a turn",
+        "joint_spring": "move over a wide range: ripple repeats, but a spring does not",
+        "gravity_tilt": "move over a wide range: gravity repeats once per turn, but ripple more often",
         "position_dependent_friction": (
             "compare both directions: ripple keeps its sign, but friction does not"
         ),

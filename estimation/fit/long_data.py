@@ -95,15 +95,15 @@ def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelD
         note += " are used as recorded"
     else:
         length = f"{1e3 * block / rate_hz:.3g} ms"
+        note += f" are averaged in blocks of {block} to {len(short):,} at {rate_hz / block:.4g} Hz"
         note += (
-            f" are averaged in blocks of {block} to {len(short):,} at {rate_hz / block:.4g} Hz without loss"
-        )
-        note += (
-            f", because a diagnosis uses means over {length} in any case"
+            f". No information is lost, because a diagnosis uses means over {length} in any case"
             if seen is None
-            else f", because within {length} the effort deviates from a straight line by "
-            f"{with_unit(seen.departure, unit, 4)}, "
-            f"about the noise between readings, {with_unit(seen.noise, unit, 4)}"
+            else (
+                f". No information is lost, because within {length} the effort deviates from a straight "
+                f"line by {with_unit(seen.departure, unit, 4)}, about as much as the noise between readings "
+                f"({with_unit(seen.noise, unit, 4)})"
+            )
         )
     for shorten in (_fewer_runs, _fewer_stretches, _average_further):
         if _excess(short, held_runs) > 1:
@@ -201,8 +201,8 @@ def _average_further(data: ChannelData, held_runs: IntArray) -> tuple[ChannelDat
         return data, "", {}
     rate_hz = 1.0 / (sample_time(data.time_s, data.run) * factor)
     note = (
-        f"; this is too much for a search, so blocks of {factor} are averaged again to {rate_hz:.4g} Hz, "
-        "which loses faster changes; to keep these, choose a part with --where"
+        f"; these are too many for a search, so blocks of {factor} are averaged again to {rate_hz:.4g} Hz, "
+        "which loses faster changes; to keep faster changes, choose a part of the data with --where"
     )
     return _means(data, factor), note, {}
 

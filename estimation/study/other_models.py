@@ -140,7 +140,7 @@ def _describe_dropped(before: ChannelDiagnosis, after: ChannelDiagnosis, reason:
         [name for entry in item.accepted for name in _candidates(entry)] for item in (before, after)
     )
     dropped = dict.fromkeys(name for name in names if name not in left)
-    words = f"laws that contain a simpler one are left out ({', '.join(dropped)}), because {reason}"
+    words = f"laws that contain a simpler law are left out ({', '.join(dropped)}), because {reason}"
     return words if dropped else ""
 
 

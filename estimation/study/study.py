@@ -263,8 +263,8 @@ class ModelStudy(StudyFits):
                 why = self._difference_from_fit(channel, names, saved.final.rmse, saved.final.parameters)
         if why:
             raise InputError(
-                f"{self.folder}/{RESULT}: channel {channel.name}: {why}; the file was changed, or "
-                "another version made it; delete it, or run palpate diagnose again"
+                f"{self.folder}/{RESULT}: channel {channel.name}: {why}; the file was changed, or another "
+                "version made it; delete the file, or run palpate diagnose again"
             )
         return saved
 
@@ -348,8 +348,9 @@ class ModelStudy(StudyFits):
                 self._check_user_effects(parent)
                 if repeated := [name for name in effects if name in before]:
                     raise InputError(
-                        f"revision {parent.number} already has {', '.join(repeated)}: continue from one "
-                        "without it (--from, see palpate revisions), or start again (--fresh)"
+                        f"revision {parent.number} already contains {', '.join(repeated)}: continue from "
+                        "another revision with --from (palpate revisions lists them), or start again with "
+                        "--fresh"
                     )
             added = [*before, *effects]
             new = self._save_stages(base, added, parent)

@@ -503,6 +503,6 @@ def test_joint_missing_in_the_first_file_is_left_out_and_in_another_refused(tmp_
     imported = import_files(paths, ImportOptions())
     (joint,) = imported.channels
     assert joint.context["joint_position"].shape == (len(joint), 1)
-    assert "two.csv: joint_2 left out, since one.csv has no such channel" in imported.notes
+    assert "two.csv: joint_2 left out, because one.csv has no such channel" in imported.notes
     with pytest.raises(InputError, match=r"one\.csv: has no channel 'joint_2', which .*two\.csv has"):
         import_files(paths[::-1], ImportOptions())

@@ -46,7 +46,7 @@ def test_pulling_spring_is_held_at_both_ends():
     (channel,) = found.channels
     assert channel.kind is ChannelKind.CONTACT
     assert channel.engaged.all()
-    assert "'force_N' take both signs and change sign together" in found.notes[0]
+    assert "'force_N' take both signs at the same times" in found.notes[0]
     assert "to read them as a contact, add --column displacement=displacement_m" in found.notes[0]
     assert reject_reason(channel) is None
     assert quality_warnings(channel) == []
@@ -164,7 +164,7 @@ def test_absolute_force_keeps_its_sign_and_other_forces_are_named():
     found = imported(**columns)
     np.testing.assert_allclose(found.channels[0].effort, np.abs(force))
     notes = " ".join(found.notes)
-    assert "according to its name, 'absolute_force_N' holds absolute values, so its sign is kept" in notes
+    assert "keeps its sign, because its name says that it holds absolute values" in notes
     said = "read as the force, not 'rf3_N'; if another column holds the force, add --column force=COLUMN"
     assert said in notes
     chosen = imported(ImportOptions(columns={"force": "rf3_N"}), **columns)
@@ -336,4 +336,4 @@ def test_element_far_from_its_zero_is_said_to_depend_on_it(middle_m, warned):
     way = middle_m + 3e-5 * np.sin(W * T)
     read = element(-2.0 + 0.5 * np.sin(3.0 * W * T), displacement_m=way)
     said = " ".join(read.notes)
-    assert ("the stiffness depends on its zero" in said) == warned, said
+    assert ("the stiffness depends on where the displacement is zero" in said) == warned, said

@@ -60,7 +60,7 @@ def test_model_of_the_newest_revision_is_the_default(tmp_path):
     (second,) = add(joint, tmp_path, "coulomb_friction")
     assert (second["model"], second["parent"]) == ("pendulum", first[-1]["number"])
     again = run("add", joint, "bias", "--out", tmp_path)
-    assert_refused(again, f"revision {second['number']} already has bias", "--from", "--fresh")
+    assert_refused(again, f"revision {second['number']} already contains bias", "--from", "--fresh")
     assert add(joint, tmp_path, "bias", "--fresh")[-1]["model"] == "inertia"
 
 

@@ -73,7 +73,7 @@ def without_rows(data, share, seed=1):
 def test_lost_rows_show_as_jumps_of_the_motion(share):
     data = without_rows(session(3, runs=4), share)
     told = lost_rows(data)
-    assert float(told.rpartition("about ")[2].split()[0]) == pytest.approx(100.0 * share, rel=0.3)
+    assert float(told.rpartition("About ")[2].split()[0]) == pytest.approx(100.0 * share, rel=0.3)
     assert told in quality_warnings(data, MODEL)
 
 

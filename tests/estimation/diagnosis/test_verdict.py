@@ -157,12 +157,12 @@ def test_interval_is_stated_or_why_there_is_none(known, words):
         (
             0.5,
             (0.1, 0.2),
-            "rounding of the encoders causes errors of up to 0.100 N, which may be the 0.0500 N",
+            "rounding of the encoders causes errors of up to 0.100 N, enough to account for the 0.0500 N",
         ),
         (
             0.5,
             (0.01, 0.2),
-            "smoothing of the motion causes errors of up to 0.200 N, which may be the 0.0500 N",
+            "smoothing of the motion causes errors of up to 0.200 N, enough to account for the 0.0500 N",
         ),
         (0.5, (0.01, 0.02), ""),
         (0.0, (0.1, 0.2), ""),
@@ -368,7 +368,7 @@ def test_experiments_for_joints_name_no_device_that_a_joint_lacks():
     [
         ("contact", "the effort never changes; check the sensor and the column", "check the sensor and the"),
         ("contact", "indentation is 9 m; is the displacement in millimetres?", "check units and columns"),
-        ("contact", "no contact: the force is no more than the noise", "begin and end each run without load"),
+        ("contact", "no contact: the force does not exceed the noise", "begin and end each run without load"),
         ("revolute", "the torque is noise", "move over a wider range, slowly and fast"),
         ("revolute", "only 4 different readings, 0.1 N m apart; use more", "use a finer sensor"),
         ("revolute", "only one run", "repeat the motion at least three times"),

@@ -69,7 +69,7 @@ def test_short_recording_is_unchanged_and_blocks_are_averaged(recording):
     short, said, run_of = shortened(two)
     assert short.averaged >= 20
     assert len(long_data._means(two, 2)) == len(two) // 2
-    assert "without loss" in said
+    assert "No information is lost" in said
     assert not run_of
 
 

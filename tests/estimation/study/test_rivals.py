@@ -109,7 +109,7 @@ def test_law_that_contains_the_stated_one_is_no_reason_for_an_experiment():
     (found,) = pressed.settle([entry], None)
     assert [(one.effect, one.confused_with) for one in found.accepted] == [("cubic_stiffness", [])]
     assert found.next_experiment is None
-    assert "laws that contain a simpler one are left out (power_law_stiffness)" in found.no_experiment
+    assert "laws that contain a simpler law are left out (power_law_stiffness)" in found.no_experiment
 
 
 def test_law_that_contains_the_stated_one_is_dropped_beside_an_experiment_for_another():

@@ -158,11 +158,11 @@ def test_adding_continues_the_newest_revision_and_removing_reverts():
             {},
             r"\(contact\), because recorded_dependence cannot be identified from these data\. Effects",
         ),
-        (["stiffness"], {}, "more than once"),
-        (["bias", "bias"], {}, "more than once"),
+        (["stiffness"], {}, "would contain stiffness twice"),
+        (["bias", "bias"], {}, "would contain bias twice"),
         (["bias"], {"start": 3}, "no revision 3"),
         (["bias"], {"start": 0, "fresh": True}, "--fresh and --from 0: give only one"),
-        (["bias"], {"start": 1}, "revision 1 already has bias"),
+        (["bias"], {"start": 1}, "revision 1 already contains bias"),
     ],
 )
 def test_invalid_effects_are_refused_and_nothing_is_saved(effects, how, words):
