@@ -461,10 +461,11 @@ def _orient_signs(
             signs = f"the sign of '{force.column}' is"
         notes.append(f"{reason}, so {signs} reversed; to prevent this, add {keep}")
     if sides.zero_m and not scaled:
+        at = "changes its sign" if sides.two_sided else "begins"
         result[DISPLACEMENT] = replace(result[DISPLACEMENT], zero=sides.zero_m)
         notes.append(
             f"the zero of '{depth.column}' is set to {sides.zero_m / result[DISPLACEMENT].factor:.6g} "
-            f"{depth.unit}, where the force begins; to keep the recorded zero, add --unit "
+            f"{depth.unit}, where the force {at}; to keep the recorded zero, add --unit "
             f"displacement={depth.fixed_unit}; to fit the zero, run `palpate add FILE contact_offset`"
         )
     is_named = depth.column in units.options.columns.values()
@@ -483,7 +484,7 @@ def _orient_signs(
             f"'{force.column}' varies at every displacement. The data therefore contain no free air, and are "
             "read as an element held at both ends, without a surface"
         )
-        recorded = depth.factor * units.table.numbers(depth.column)
+        recorded = depth.factor * units.table.numbers(depth.column) - result[DISPLACEMENT].zero
         if abs(np.mean(recorded)) > _FAR_FROM_ZERO * np.ptp(recorded):
             note += (
                 f"; the displacement varies by only {1e3 * np.ptp(recorded):.2g} mm around "

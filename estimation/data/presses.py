@@ -244,7 +244,8 @@ class PressSides:
 
     displacement: float = 1.0  # factor that makes the displacement positive into the object: 1 or -1
     force: float = 1.0  # factor that makes the force positive in compression: 1 or -1
-    zero_m: float = 0.0  # displacement, after multiplication, at which the force begins [m]; often 0
+    # Displacement, after multiplication, at which the force begins or changes its sign [m]; often 0.
+    zero_m: float = 0.0
     two_sided: bool = False  # whether the element can also pull: a spring or damper attached at both ends
     elastic: bool = True  # whether the force follows the displacement
     never_free: bool = False  # whether no displacement is free air, since the force is nowhere at rest
@@ -263,8 +264,10 @@ def press_sides(displacement: FloatArray, force: FloatArray) -> PressSides:
     sides = _sides_of_object(displacement, force)
     is_two_sided = _is_two_sided(displacement, force)
     if not is_two_sided and _pulls_to_its_end(displacement, force):
-        sign = float(np.sign(correlation_coefficient(displacement, force)))
-        return PressSides(force=sign, two_sided=True, never_free=True)
+        slope, offset = np.polyfit(displacement, force, 1)
+        includes_length = np.abs(displacement).min() > np.ptp(displacement)
+        zero_m = -float(offset / slope) if includes_length else 0.0
+        return PressSides(force=float(np.sign(slope)), zero_m=zero_m, two_sided=True, never_free=True)
     # In free air a force is at rest: consecutive readings differ as much as any others. A force that changes
     # smoothly farthest outside the object belongs to an element that is attached at both ends.
     depth = sides.displacement * displacement - sides.zero_m
