@@ -271,9 +271,11 @@ def press_sides(displacement: FloatArray, force: FloatArray) -> PressSides:
     # In free air a force is at rest: consecutive readings differ as much as any others. A force that changes
     # smoothly farthest outside the object belongs to an element that is attached at both ends.
     depth = sides.displacement * displacement - sides.zero_m
-    farthest = force[depth <= _FARTHEST_OUT * min(depth.min(), 0.0)]
+    is_farthest = depth <= _FARTHEST_OUT * min(depth.min(), 0.0)
+    farthest = force[is_farthest]
     is_held = len(farthest) >= _MIN_SAMPLES and bool(np.std(farthest) > _MIN_CHANGING_FORCE * np.std(force))
     is_held = is_held and correlation_coefficient(farthest[1:], farthest[:-1]) > _MIN_AUTOCORRELATION
+    is_held = is_held and not _rests_on_one_way(depth, force, is_farthest, float(np.std(force)))
     if is_two_sided or is_held:
         correlation = correlation_coefficient(displacement, force)
         if is_held and abs(np.mean(displacement)) > np.ptp(displacement):  # includes the element's length
@@ -385,6 +387,16 @@ def _is_two_sided(displacement: FloatArray, force: FloatArray) -> bool:
     enough = min(np.sum(far), np.sum(pushing)) >= _MIN_SAMPLES
     if not enough or np.std(force[far]) <= _MIN_FORCE_CHANGE * np.std(force[pushing]):
         return False
-    farthest = force[displacement < _FARTHEST_OUT * ends[0][0]]
-    rests = np.sqrt(np.mean(farthest**2)) < _MAX_REST * np.std(force[far])
-    return not (len(farthest) >= _MIN_SAMPLES and rests)
+    is_farthest = displacement < _FARTHEST_OUT * ends[0][0]
+    return not _rests_on_one_way(displacement, force, is_farthest, float(np.std(force[far])))
+
+
+def _rests_on_one_way(depth: FloatArray, force: FloatArray, rows: BoolArray, deviation: float) -> bool:
+    """Return whether the force (n,) rests in some rows (n,) throughout, or on the way in from there.
+
+    An object that sticks may still pull when the tool turns, but the tool comes back to it through free air.
+    """
+    parts = force[rows], force[rows & (np.gradient(depth) > 0.0)]
+    return any(
+        len(part) >= _MIN_SAMPLES and np.sqrt(np.mean(part**2)) < _MAX_REST * deviation for part in parts
+    )

@@ -179,7 +179,7 @@ def test_free_air_and_a_sticky_object_are_one_sided():
 
 
 @pytest.mark.parametrize(
-    ("share", "zero_m"), [(0.3, 0.0), (0.6, 0.0), (0.8, 0.0), (0.3, -0.01), (0.8, -0.01), (1.0, -0.01)]
+    ("share", "zero_m"), [(share, zero_m) for share in (0.3, 0.6, 0.8, 0.95, 1.0) for zero_m in (0.0, -0.01)]
 )
 def test_object_that_pulls_until_it_tears_off_is_one_sided(share, zero_m):
     """On its way out it pulls over most of the way in free air, as a soft object pulls a small probe."""
