@@ -221,7 +221,7 @@ def implausible_arm(fit: ArmFit, *, gains_are_applied: bool) -> list[str]:
             held_nm = fitted_nm[np.isclose(measured_nm, extreme_nm, rtol=1e-9, atol=0.0)]
             if len(held_nm) > 1 and np.ptp(held_nm) > _SATURATED_SHARE * np.ptp(fitted_nm):
                 found.append(
-                    f"its measured torque stays at {extreme_nm:.3g} N m while the model changes by "
+                    f"its measured torque stays at {extreme_nm:.3g} N m while the modeled torque changes by "
                     f"{np.ptp(held_nm):.2g} N m, so the signal is saturated; give it a larger range, or "
                     "reduce limits.torque_nm"
                 )

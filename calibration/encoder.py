@@ -74,13 +74,14 @@ def plan_stops(
         lowest, approach = max(candidates, key=lambda candidate: candidate[0], default=(None, None))
         if lowest is None or approach is None:
             raise InputError(
-                f"joint {joint + 1}: its stops are not stated, or limits.torque_nm is too small to "
-                f"carry the arm there; state the stops, raise the limit, {_ALTERNATIVE}"
+                f"joint {joint + 1}: its stops are not stated, or limits.torque_nm is too small to carry the "
+                "arm there; state the stops (--lower-stops, --upper-stops), raise limits.torque_nm, "
+                f"{_ALTERNATIVE}"
             )
         if lowest < floor_m - arm_motion.MARGIN_M:
             raise InputError(
                 f"joint {joint + 1}: on the way to its stops the arm would come {floor_m - lowest:.2g} m "
-                f"closer to the ground than its present position; start that much higher, {_ALTERNATIVE}"
+                f"closer to the ground than it is now; raise the arm by as much, {_ALTERNATIVE}"
             )
         approaches.append(approach)
     return up, tuple(approaches)
@@ -256,13 +257,13 @@ class StopTask:
             push_nm = float(settings.push_nm[joint])
             what = f"stopped under a push of {push_nm:.2g} N m" if at_stop else "reached no stop"
             remedy = "remove any obstacle, " if at_stop else ""
-            held = "friction holds it or " if at_stop else ""
+            held = "friction holds the joint or " if at_stop else ""
             option = "--upper-stops" if approach.side > 0 else "--lower-stops"
             raise SafetyTripError(
                 f"joint {joint + 1} {what} at {position:.3f} rad, but its stop should be at "
-                f"{approach.stop_rad:.3f} rad (within {reach:g} rad); {remedy}state where its stop "
-                f"is ({option}), or, if {held}its zero is off by that much, calibrate in a known pose first "
-                "(--pose)"
+                f"{approach.stop_rad:.3f} rad (within {reach:g} rad); {remedy}give the true stop with "
+                f"{option}, or, if {held}the joint's zero is wrong by this difference, calibrate in a known "
+                "pose first (--pose)"
             )
         if self._held_s >= settings.hold_s:
             text = f"joint {joint + 1} touches its stop; its encoder reads {position:.5f} rad"
@@ -368,7 +369,7 @@ def fit_encoder(
     if missing:
         raise InputError(
             f"{session.path}: joint {missing[0]} was not held against its stop at least twice; if the arm "
-            "was held in a pose, give it with --pose"
+            "was held in a pose, give this pose with --pose"
         )
     means = np.array([np.mean(touches) for touches in shown])
     scatter = np.array([np.std(touches, ddof=1) for touches in shown])
@@ -386,5 +387,6 @@ def _check_offsets(offset_rad: FloatArray) -> None:
         if abs(by_rad) > np.pi:
             raise InputError(
                 f"joint {joint}: its zero is off by {by_rad:+.4g} rad, more than half a turn; correct "
-                "zero_rad or `reversed` in the robot file, or start the drive within the turn of its zero"
+                "zero_rad or `reversed` in the robot file, or turn the joint to less than half a turn from "
+                "its zero before the drive starts"
             )

@@ -396,7 +396,7 @@ def describe_saturation(plateaus: Plateaus, is_used: BoolArray) -> str:
     forces_n = ", ".join(f"{force_n:.4g}" for force_n in np.unique(plateaus.reference_n[~is_used]))
     readings = ", ".join(dict.fromkeys(f"{reading:.4g}" for reading in plateaus.reading[~is_used]))
     return (
-        f"{np.count_nonzero(~is_used)} of {len(plateaus)} plateaus, under {forces_n} N, were left out; the "
+        f"{np.count_nonzero(~is_used)} of {len(plateaus)} plateaus, at {forces_n} N, were left out: the "
         f"reading stays at {readings} there, so the sensor is saturated"
     )
 

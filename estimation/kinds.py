@@ -65,7 +65,7 @@ _SEPARATING = {
     (Kind.ELASTIC_SHAPE, Kind.SENSOR_STATICS): "apply known loads: a sensor's error also appears there",
     (Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY): "move to one position at two speeds, and hold there",
     (Kind.ELASTIC_SHAPE, Kind.CONTACT_GEOMETRY): (
-        "press again on the same spot, and slowly through the first touch"
+        "press again on the same spot, and move slowly through the first touch"
     ),
     (Kind.ELASTIC_SHAPE, Kind.PERIODIC): "move over a wider range: a ripple repeats, but a spring does not",
     (Kind.FRICTION, Kind.TIME_MEMORY): (

@@ -378,8 +378,9 @@ class Study(ModelStudy):
                 )
         if not newest:
             raise InputError(
-                f"{self._file}: the folder has only revisions of other channels ({', '.join(latest)}); "
-                "they were made for another file, or with other options (--urdf). Name another folder"
+                f"{self._file}: the folder has only revisions of other channels ({', '.join(latest)}); they "
+                "were made for another file, or with other options (--urdf). Choose another folder with "
+                "--folder"
             )
         return newest
 

@@ -126,6 +126,6 @@ def check_dh_table(robot_file: RobotFile, body: RigidBody) -> None:
         if distance_m > _MAX_DISTANCE_M or difference > _MAX_ROTATION:
             what = f"{distance_m * 1e3:.3g} mm from" if distance_m > _MAX_DISTANCE_M else "at an angle to"
             raise InputError(
-                f"{path}: at joint positions {np.round(position_rad, 3).tolist()} rad, it puts the tip "
-                f"{what} the URDF's '{robot_file.tip_frame}'; correct one of them"
+                f"{path}: at joint positions {np.round(position_rad, 3).tolist()} rad, this table puts the "
+                f"tip {what} the URDF's '{robot_file.tip_frame}'; correct the table or the URDF"
             )

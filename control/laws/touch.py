@@ -47,16 +47,16 @@ def free_air_problem(force_n: float, touch_n: float, force_limit_n: float, gains
     limit_n = gains.bias_share * force_limit_n
     if not abs(force_n) <= limit_n:
         return (
-            f"the force in free air is {force_n:.3g} N; with {limit}, at most {limit_n:.3g} N is "
-            "allowed; does the tool touch something? If not, tare the force sensor, or allow more "
-            "(gains.touch.bias_share in the robot file)"
+            f"the force in free air is {force_n:.3g} N; with {limit}, at most {limit_n:.3g} N is allowed; "
+            "does the tool touch something? If not, tare the force sensor, or raise gains.touch.bias_share "
+            "in the robot file"
         )
     limit_n = gains.limit_share * force_limit_n
     if not touch_n <= limit_n:
         return (
             f"a touch would be detected only above {touch_n:.3g} N; with {limit}, at most {limit_n:.3g} N is "
-            "allowed; the sensor is too noisy, or gains.touch.touch_force_n in the robot file is too high; "
-            f"a force_limit_n of {touch_n / gains.limit_share:.3g} N is enough"
+            "allowed; reduce the sensor's noise, lower gains.touch.touch_force_n in the robot file, or raise "
+            f"force_limit_n to {touch_n / gains.limit_share:.3g} N"
         )
     return None
 

@@ -81,8 +81,8 @@ def read_npz(path: Path) -> FileColumns:
                 array = archive[name]
             except ValueError as error:
                 reason = (
-                    "holds Python objects, which are not read because they may contain code; "
-                    "save it as numbers or text"
+                    "holds Python objects, which are not read because they may contain code; save the column "
+                    "as numbers or text"
                 )
                 raise InputError(f"{path}: column '{name}' {reason}") from error
             if array.ndim > 0:  # others, such as a sampling rate or the angle of a specimen, are not columns

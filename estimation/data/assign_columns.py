@@ -536,8 +536,8 @@ def _with_one_rate(
         return table.select(complete), [f"{note}, so only complete rows are used"]
     if not filled_by_name[slowest].any():
         raise InputError(
-            f"{table.path}: column '{slowest}' is empty; name another one with --column; if it holds "
-            "formulas, save the file with their results"
+            f"{table.path}: column '{slowest}' is empty; name another column with --column, or, if the cells "
+            "hold formulas, save the file with the results"
         )
     if run is not None or (np.diff(times := table.numbers(time)) < 0.0).any():
         listed = ", ".join(map(repr, names))

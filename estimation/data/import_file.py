@@ -216,13 +216,13 @@ def _note_time(columns: ColumnAssignment, rows: ImportedRows, user_columns: Coll
     if not MIN_STEP_S <= step_s <= MAX_STEP_S:
         unit = other_time_unit(step_s, float(np.ptp(rows.time_s)), time.factor)
         yield (
-            f"column '{time.column}': samples are {step_s:.3g} s apart; if this unit is wrong, give "
-            f"the right one, such as --unit time={unit}"
+            f"column '{time.column}': samples are {step_s:.3g} s apart; if the unit of time is wrong, give "
+            f"the right unit, such as --unit time={unit}"
         )
     if figures := note_uneven(rows.time_s, rows.run, columns.motions[:, rows.order]):
         yield (
-            f"the times of '{time.column}' are uneven: {figures}; they may be arrival times, which "
-            "would make speed, damping and inertia wrong; record the time of each sample"
+            f"the times of '{time.column}' are uneven: {figures}. They may be arrival times, which make "
+            "speed, damping and inertia wrong; record the time at which each sample was taken"
         )
     for part in blocks(rows.run):
         steps_s = np.diff(rows.time_s[part])

@@ -369,7 +369,7 @@ def _remedy(excerpt: str, *, whole: bool) -> str:
     if whole and re.fullmatch(r"[+-]?[\d.,]+ ?[^\d\s]{1,6}", excerpt.strip()):
         return "write the unit in the column name, and only numbers below it"
     if whole:
-        return "that column holds no numbers at all; name another one with --column"
+        return "that column holds no numbers at all; name another column with --column"
     return "remove such rows, or choose others with --where"
 
 

@@ -73,8 +73,8 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
         dialect = find_dialect(content) or _raise_no_table(content, path)
     if (columns := max(len(table.names) for table in dialect.tables)) > _MAX_COLUMNS:
         raise InputError(
-            f"{path}: has {columns:,} columns, but at most {_MAX_COLUMNS:,} are read; "
-            "keep those of time, motion and effort; if each row holds a signal, save the table transposed"
+            f"{path}: has {columns:,} columns, but at most {_MAX_COLUMNS:,} are read; keep the columns of "
+            "time, motion and effort, or, if each row holds a signal, save the table transposed"
         )
     if not content[dialect.tables[0].start :][:_MAX_LINE_BYTES].strip():
         raise InputError(f"{path}: no rows of data")
@@ -281,7 +281,8 @@ def _parse_rows(
             text = " ".join(invalid[0].text.split())[:_SHOWN]
             line = lines[invalid[0].number - 1]
             problem = (
-                f"line {line} has {cells}, but the header has {expected}: {text!r}; correct or remove it"
+                f"line {line} has {cells}, but the header has {expected}: {text!r}; correct or remove this "
+                "line"
             )
         raise InputError(f"{place}: {problem}") from error
     lines = _line_numbers(content, table.start, end, len(part))
@@ -366,8 +367,8 @@ def _raise_no_table(content: bytes, path: Path) -> TextDialect:
     texts = (" ".join(text.split())[:_SHOWN] for text in (line.decode(errors="replace"), first))
     begin = ", then ".join(repr(text) for text in texts if text)
     raise InputError(
-        f"{path}: no line of column names above rows of numbers was found; the file begins with "
-        f"{begin}; {remedy}; if it is not a measurement, leave it out"
+        f"{path}: no line of column names above rows of numbers was found; the file begins with {begin}; "
+        f"{remedy}; if the file is not a measurement, leave it out"
     )
 
 

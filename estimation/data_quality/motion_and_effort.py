@@ -274,8 +274,8 @@ def unresolved_inertia(data: ChannelData, model: Model | None) -> str | None:
     if model is None or not any(f"{name}.{gain}" in model.held for name, gain in LUMPED_GAINS.items()):
         return None
     return (
-        "the acceleration is mainly measurement error, so the inertia is held at 0; record a faster motion "
-        "to fit it"
+        "the acceleration is mainly measurement error, so the inertia is held at 0; to fit the inertia, "
+        "record a faster motion"
     )
 
 
@@ -294,13 +294,13 @@ def unrelated(data: ChannelData) -> str | None:
     if np.max(np.abs(pressed.effort - stiffness * pressed.position)) < _EQUAL * float(np.ptp(pressed.effort)):
         return (
             f"the force equals the displacement times {stiffness:.6g} N/m in every row, which no sensor "
-            "measures; was one column used for both? Choose another one with --column force=COLUMN"
+            "measures; was one column used for both? Name the column of the force with --column force=COLUMN"
         )
     share = _share_explained(data)
     if share < _MIN_EXPLAINED:
         return (
-            f"depth and velocity explain only {100.0 * share:.0f} % of the force; is it the right "
-            "column? Choose another one with --column force=COLUMN"
+            f"depth and velocity explain only {100.0 * share:.0f} % of the force; is the right column read "
+            "as the force? If not, name it with --column force=COLUMN"
         )
     return None
 

@@ -304,7 +304,7 @@ def rectified(data: ChannelData) -> str | None:
             "was therefore recorded as an absolute value; record it with its sign"
         )
     reason = _FOLDED.format(count=count, noise=noise, unit=data.effort_unit)
-    return f"{reason}; record it with its sign" if count else None
+    return f"{reason}; record the effort with its sign" if count else None
 
 
 def _is_magnitude(effort: FloatArray, data: ChannelData) -> bool:
@@ -344,7 +344,7 @@ def unsigned(data: ChannelData) -> str | None:
         return None
     return (
         "no reading is below zero, although the joint moves both ways; if the effort is an absolute value, "
-        "as some drives report their current, record it with its sign"
+        "as some drives report their current, record the effort with its sign"
     )
 
 
@@ -379,7 +379,7 @@ def folded(data: ChannelData) -> str | None:
     share = (
         f"{100 * np.mean(near):.0f} % of the samples, those below {_CLEAR:.0f} times this noise, are left out"
     )
-    return f"{reason}, and {share}; record it with its sign"
+    return f"{reason}, and {share}; record the effort with its sign"
 
 
 def _untared(data: ChannelData) -> FloatArray:

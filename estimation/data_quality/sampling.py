@@ -88,9 +88,9 @@ def never_repeated(data: ChannelData) -> str | None:
     is_contact = data.kind is ChannelKind.CONTACT and never_returns(data.position, data.run)
     if is_contact and has_constant_speed(data.velocity[data.engaged]):
         return (
-            f"{SINGLE_RUN} was recorded, and it goes through its motion once at one speed, so changes with "
-            "time, speed and position cannot be separated, and a damper acts like a constant force; record "
-            "at least three runs, at several speeds"
+            f"{SINGLE_RUN} was recorded, and it goes through its motion once at one speed. Changes with "
+            "time, speed and position therefore cannot be separated, and a damper acts like a constant "
+            "force; record at least three runs, at several speeds"
         )
     return (
         f"{SINGLE_RUN} was recorded, and it goes through its motion once, so changes with time and with "

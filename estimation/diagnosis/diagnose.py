@@ -284,7 +284,7 @@ def _too_few_levels(start: FitResult) -> str | None:
     if start.rmse >= step:
         return None
     return (
-        f"the effort has only {len(levels)} {FEW_READINGS}, {with_unit(step, unit)} apart, and the model "
-        f"error of {with_unit(start.rmse, unit)} is less than one such step, so the residual may be rounding;"
-        " use a finer sensor, or a motion that takes more effort"
+        f"the effort has only {len(levels)} {FEW_READINGS}, {with_unit(step, unit)} apart. The model error "
+        f"of {with_unit(start.rmse, unit)} is less than one such step, so the residual may be rounding; use "
+        "a finer sensor, or a motion that takes more effort"
     )

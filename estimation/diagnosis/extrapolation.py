@@ -29,8 +29,8 @@ class Extrapolation:
         """
         return (
             f"{100 * self.share:.0f} % of the {error} lies at positions or velocities that only one run "
-            f"contains (the largest part in {self.where}), so a fit to the other runs cannot predict it "
-            "reliably"
+            f"contains (the largest part in {self.where}), so a fit to the other runs cannot predict this "
+            "part reliably"
         )
 
 

@@ -182,7 +182,7 @@ class SofteningStiffness(AdditiveEffect):
         "layered_stiffness": "record more samples near the bend: only a layer has a kink",
         "power_law_stiffness": "move further: a power law keeps softening, but this force becomes linear",
         "plastic_set": "unload: an elastic spring softens in the same way on the way out",
-        "contact_offset": "find the surface by a slow touch: a wrong surface bends the curve near it only",
+        "contact_offset": "find the surface by a slow touch: a wrong surface bends only the curve's start",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -210,7 +210,7 @@ class JointSpring(AdditiveEffect):
     essential = ("k",)
     confused_with = {
         "bias": "move over a wide range: a bias is the same everywhere",
-        "gravity_tilt": "fit all joints together: a tilt affects all of them; or move over a wide range",
+        "gravity_tilt": "fit all joints together (a tilt affects all of them), or move over a wide range",
         "cubic_stiffness": "move over a wide range",
         "stiffness": "not possible, because both names denote the same term in a contact",
     }

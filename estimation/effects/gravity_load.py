@@ -106,7 +106,7 @@ class GravityTilt(AdditiveEffect):
     gains: ClassVar[tuple[Parameter, ...]] = (Parameter("tilt", "{effort}", -1e12, 1e12, (0.001, 5.0)),)
     confused_with = {
         "bias": "move over a wide range: a bias is the same in every posture",
-        "joint_spring": "fit all joints together: a tilt affects all of them; or move over a wide range",
+        "joint_spring": "fit all joints together (a tilt affects all of them), or move over a wide range",
         "payload": "change the posture: the torques of weight and tilt are a quarter turn out of phase",
     }
 
@@ -184,7 +184,7 @@ class Payload(AdditiveEffect):
     confused_with = {
         "torque_gain": "change the posture: the torque of a payload depends on the posture",
         "gravity_tilt": "change the posture",
-        "bias": "fit all joints together: a payload affects all of them; or change the posture",
+        "bias": "fit all joints together (a payload affects all of them), or change the posture",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:

@@ -107,7 +107,9 @@ class DryFriction(AdditiveEffect):
     physics = "Tool and object, or the layers of the object, rub with a force that does not depend on speed."
     equation = "F = f s, ds/dx = (tanh(v/transition) - s) sign(v)/presliding while pressed, s = 0 at touch"
     source = "P. R. Dahl, Aerospace Corp. TOR-158 (1968); Andersson et al., Tribology Int. 40 (2007)"
-    signature = "at the same depth, force is higher by a constant while moving in than out, at any speed"
+    signature = (
+        "at the same depth, force is higher by a constant on the way in than on the way out, at any speed"
+    )
     signals = ("direction", "past motion")
     channels = frozenset({ChannelKind.CONTACT})
     gains = (Parameter("force", "{effort}", 0.0, 1e12, (0.05, 5.0)),)

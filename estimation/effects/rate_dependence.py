@@ -14,7 +14,10 @@ class Damping(AdditiveEffect):
     physics = "A dashpot resists in proportion to speed."
     equation = "F = c v"
     source = "the viscous half of the Kelvin-Voigt body; W. Flügge, Viscoelasticity (1975), ch. 1"
-    signature = "effort at the same depth is higher while moving in than out; the difference grows with speed"
+    signature = (
+        "at the same depth, effort is higher on the way in than on the way out; the difference grows with "
+        "speed"
+    )
     signals = ("velocity",)
     gains = (Parameter("c", "{effort} s/{position}", 0.0, 1e12, (0.1, 500.0)),)
     confused_with = {
@@ -94,7 +97,7 @@ class HuntCrossley(AdditiveEffect):
     name = "hunt_crossley"
     kind = Kind.RATE_DEPENDENCE
     also = frozenset({Kind.ELASTIC_SHAPE})
-    physics = "Contact grows with depth, and spring and damping grow with the contact."
+    physics = "The contact area grows with depth, and stiffness and damping grow with the area."
     equation = "F = k x^n + b x^n v"
     source = "K. H. Hunt, F. R. E. Crossley, J. Appl. Mech. 42 (1975): restitution as damping in vibroimpact"
     signature = "effort curves upwards with depth, and loading and unloading differ more at larger depth"

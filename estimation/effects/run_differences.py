@@ -21,7 +21,8 @@ _COMMON = 2.0  # ratio of mean to standard deviation over runs that chance does 
 _JUMPS = 0.5  # least ratio of the jumps between consecutive runs to the changes from run to run
 _SINGULAR = 1e-10
 _SHARE = (
-    "The value is estimated in the first quarter of a run; share is the fraction of it that the rest keeps."
+    "The value is estimated in the first quarter of a run; share is the fraction of it that the rest of the "
+    "run keeps."
 )
 
 
@@ -178,8 +179,8 @@ class RunOffset(RunVariation):
     signature = "each run has its own constant offset"
     signals = ("offset", "recorded")
     confused_with = {
-        "bias": "record more runs: a bias is the same in all",
-        "drift": "record longer runs: a drift continues within each",
+        "bias": "record more runs: a bias is the same in all runs",
+        "drift": "record longer runs: a drift continues within each run",
         "contact_offset": "record free air: an offset of the sensor also appears there",
     }
 
@@ -201,7 +202,7 @@ class RunGain(RunVariation):
     signature = "each run has the same shape as the others, scaled by its own factor"
     signals = ("effort", "recorded")
     confused_with = {
-        "torque_gain": "record more runs: a wrong constant is the same in all",
+        "torque_gain": "record more runs: a wrong constant is the same in all runs",
         "run_offset": (
             "compare small and large efforts: an offset changes both equally, but a gain changes large ones "
             "more"

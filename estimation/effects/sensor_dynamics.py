@@ -30,7 +30,7 @@ class Delay(SensorEffect):
     name = "delay"
     kind = Kind.SENSOR_DYNAMICS
     physics = (
-        "Conversion, bus and buffers delay every reading by the same time. If the time is negative, the "
+        "Conversion, bus and buffers delay every reading by the same time. A negative time means that the "
         "motion follows a command late."
     )
     equation = "reading(t) = effort(t - T)"

@@ -31,10 +31,10 @@ class Bias(AdditiveEffect):
     one_sided = False
     gains = (Parameter("offset", "{effort}", -1e12, 1e12, (-1.0, 1.0)),)
     confused_with = {
-        "run_offset": "record more runs: a bias is the same in all",
+        "run_offset": "record more runs: a bias is the same in all runs",
         "contact_offset": "record free air: a bias also appears there",
-        "gravity_tilt": "fit all joints together: a tilt affects all of them; or move over a wide range",
-        "payload": "fit all joints together: a payload affects all of them; or change the posture",
+        "gravity_tilt": "fit all joints together (a tilt affects all of them), or move over a wide range",
+        "payload": "fit all joints together (a payload affects all of them), or change the posture",
         "drift": "wait: a bias stays",
         "asymmetric_friction": "let the joint rest: a bias remains, but asymmetric friction vanishes",
         "coulomb_friction": "reverse the motion: friction then acts the other way, but a bias does not",
@@ -68,7 +68,7 @@ class TorqueGain(SensorEffect):
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     inner = (Parameter("gain", "1", 0.2, 5.0, (0.6, 1.6), log=True),)
     confused_with = {
-        "run_gain": "record more runs: a wrong constant is the same in all",
+        "run_gain": "record more runs: a wrong constant is the same in all runs",
         "payload": "change the posture",
         "load_dependent_friction": "lift and lower the same load",
         "bias": "lift two loads: the error of a gain grows with the load",

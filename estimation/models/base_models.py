@@ -106,7 +106,9 @@ def arm_of(context: ModelContext, model: str) -> tuple["RigidBody", int]:
         arm.urdf, arm.tip_frame, arm.gravity_m_s2, arm.rotor_inertia_kg_m2, origin=arm.origin
     )
     if not 0 <= context.joint < body.joint_count:
-        raise InputError(f"model '{model}': joint {context.joint + 1}, but the arm has {body.joint_count}")
+        raise InputError(
+            f"model '{model}' needs joint {context.joint + 1}, but the arm has {body.joint_count} joints"
+        )
     return body, context.joint
 
 

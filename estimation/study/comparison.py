@@ -330,7 +330,7 @@ def compare(fitted: FitResult, base: FitResult, model: str, noise: MeasurementNo
     found_patterns = () if is_complete else patterns(parts, fitted.rmse)
     first, *where = _words(fitted.rmse, noise, {} if is_complete else parts, unit)
     if within_noise and not is_complete:
-        first = f"{first[:-1]}, but a test shows that part of it is not noise."
+        first = f"{first[:-1]}, but a test shows that part of this error is not noise."
     elif may_be_noise:
         first = f"{first[:-1]}, {EXPLAINS_LITTLE}."
     elif fitted.is_exact:
@@ -365,7 +365,10 @@ def _describe_kinds(kinds: Sequence[BudgetEntry]) -> Iterator[str]:
         shares.append(f"{share} (or {replacing})" if replacing else share)
     if shares:
         listed = ", ".join(shares)
-        yield f"Kinds of effects that would explain the error, with shares of its square: {listed}."
+        yield (
+            "Kinds of effects that would explain the error, with their shares of the squared error: "
+            f"{listed}."
+        )
 
 
 def _words(

@@ -45,8 +45,8 @@ _SURFACE_RECOVERS = (
     "because the data then fit better"
 )
 _RECOVERS_SLOWLY = (
-    "between contacts, where its surface moves freely, the object is assumed to recover at {0:.2g} times the "
-    "rate at which it relaxes in contact, because the data then fit better"
+    "the object's surface moves freely between contacts, and is assumed to recover at {0:.2g} times the rate "
+    "of relaxation in contact, because the data then fit better"
 )
 _MAX_FITS = 90  # size of the cache; the least recently used fits are dropped and computed again
 

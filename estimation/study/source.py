@@ -272,7 +272,7 @@ def _source_of_file(path: Path, options: ImportOptions) -> DataSource:
     from palpate.estimation.study import sessions  # noqa: PLC0415, needs the MCAP library
 
     session, channels = sessions.read_session(path, runs or "")
-    cut_off = "the session is cut off, so results use only the data written before that"
+    cut_off = "the session file is cut off at its end; the results use the remaining data"
     notes = (*_warnings_of(channels), *([cut_off] if session.truncated else []))
     return DataSource(path.name, channels, sessions.arm_of(session), path, session, notes=notes)
 

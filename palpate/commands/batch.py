@@ -33,8 +33,8 @@ class BatchArguments(StudyOptions):
 
 
 _MODEL = (
-    "Base model, or 'suggest' to choose the one that fits a few measurements best; default: the "
-    "usual one of each channel."
+    "Base model, or 'suggest' to choose the model that fits a few measurements best; default: the usual "
+    "model of each channel."
 )
 _POOL = (
     "Combine the evidence of all measurements, to detect effects that are too small to show in a single one."

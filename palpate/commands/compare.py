@@ -237,7 +237,7 @@ def _next_steps(
         own = list(dict.fromkeys([*(data.effect or ()), *user_effects_of(newest)]))
         numbers = [revision.number for revision in newest]
         since = data.command_text(revision=numbers, folder=data.folder, effect=own)
-        yield f"palpate compare {since}", "the model with the effects added since"
+        yield f"palpate compare {since}", "the newest model, with its added effects"
     elif data.model is None and data.urdf is None:
         for result in results:  # suggest a far better base model if the usual one does not fit
             better = far_better_model(study, result.channel, result.comparison)

@@ -67,7 +67,7 @@ def doctor_command(  # noqa: PLR0917, one parameter an option
             _refuse({"--as-built": as_built}, "this option applies to emulated devices only; add --wire")
             _refuse({"--yes": yes}, "a real arm gets power only if somebody at the arm confirms")
         if move and not yes and not _has_terminal():
-            remedy = "add --yes, as the devices are emulated" if wire else "run it in a terminal at the arm"
+            remedy = "the devices are emulated, so add --yes" if wire else "run it in a terminal at the arm"
             raise InputError(f"--move needs a person to confirm; {remedy}")
         check = ArmCheck(
             find_robot(robot),

@@ -151,7 +151,7 @@ def export_command(data: ExportOptions) -> None:
     elif stream is not None:
         existing_data(data.file)
         if data.out is not None and data.out.suffix not in ENDINGS:
-            raise InputError(f"output {data.out}: a table is written as {' or '.join(ENDINGS)}")
+            raise InputError(f"output {data.out}: the name of a table must end in {' or '.join(ENDINGS)}")
         table = recorded_table(data.file, data.options, stream)
         path = data.writable(derived_folder(data.file) / f"{stream}.csv")
         write_table(table, path)
@@ -225,7 +225,10 @@ def _export_joints(data: ExportOptions, study: "Study", usual: Path) -> _Export:
     if form is Format.FEEDFORWARD:
         path = data.out or usual
         if path.suffix not in _FILES[form][1]:
-            raise InputError(f"output {path}: a feedforward is written as .yaml, with .py and .c beside it")
+            raise InputError(
+                f"output {path}: the name of a feedforward table must end in .yaml; .py and .c files are "
+                "written beside it"
+            )
         files = [("table", path), ("python", path.with_suffix(".py")), ("c", path.with_suffix(".c"))]
         for _, file in files:
             output_file(file, force=data.force or data.out is None, keep=[data.file])

@@ -75,5 +75,8 @@ def inspect_command(  # noqa: PLR0917, one parameter an option
         console.stdout().print("opened in a separate window")
     else:
         console.next_steps(
-            (f"rerun {shell_path(recording)}", "open it (on any machine with rerun-sdk of the same version)")
+            (
+                f"rerun {shell_path(recording)}",
+                "open the recording (on any machine with the same version of rerun-sdk)",
+            )
         )

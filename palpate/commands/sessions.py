@@ -160,7 +160,8 @@ def _merged_streams(sessions: Sequence[Session]) -> list[Merged]:
             if forms[0] != forms[1]:
                 differing = ", ".join(sorted({column for column, *_ in forms[0] ^ forms[1]}))
                 raise InputError(
-                    f"{session.path}: stream '{name}' and that in {first.path} differ in columns {differing}"
+                    f"{session.path}: stream '{name}' differs from the one in {first.path} in columns "
+                    f"{differing}"
                 )
     merged = list[Merged]()
     for name in sessions[0].stream_names:

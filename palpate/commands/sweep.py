@@ -22,7 +22,10 @@ SWEEPS = Path("sweeps")
 _SAMPLE = 4  # cases to run for an estimate of the cost
 
 
-_PLAN = "Show the number of remaining cases and the time they need; if none is done, run a few to measure it."
+_PLAN = (
+    "Show the number of remaining cases and the time they need; if no case is done, run a few to measure "
+    "the time."
+)
 _OUT = "Output folder; if it contains an interrupted sweep, this sweep continues."
 
 

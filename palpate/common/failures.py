@@ -64,7 +64,7 @@ def _report_error(error: Exception, *, as_json: bool = False) -> int:
         return _discard_output()
     if isinstance(error, OSError) and error.filename is None and error.errno in _NO_ROOM:
         _discard_output()
-    where = f"set {DEBUG_VARIABLE}=1 to see where; please report it"
+    where = f"set {DEBUG_VARIABLE}=1 to see where it occurred; please report this error"
     text, code = f"internal error, {type(error).__name__}: {error} ({where})", FAILED
     match error:
         case InputError() if not isinstance(error, UnloggedError):

@@ -69,8 +69,8 @@ def open_session(path: Path) -> Session:
             raise
         data = shell_path(path)
         raise InputError(
-            f"{error}. If it is a table of measurements, palpate import {data} converts it to a session; "
-            f"palpate compare {data} and other commands also read it directly"
+            f"{error}. If the file is a table of measurements, palpate import {data} converts it to a "
+            f"session; palpate compare {data} and other commands also read it directly"
         ) from error
 
 

@@ -119,13 +119,17 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
         value, too_short = f"{1e3 * limit_s:g} ms", limit_s < tick_s * (1.0 - 1e-9)
         if too_short:
             value += f", less than a tick of {1e3 * tick_s:g} ms, too short to detect anything"
-        late = f"the guard would react too late: lower it to {usual_s:g} s, or leave it out"
+        late = f"the guard would react too late: lower it to {usual_s:g} s, or leave it out of the robot file"
         yield graded(
             name,
             value,
             (_FAIL, too_short, f"raise it to several ticks: {max(usual_s, 5 * tick_s):g} s"),
             (_FAIL, limit_s > _NO_LATCH_S, late),
-            (_WARN, limit_s > _LONG_LATCH_S, f"a fault would act for too long: {usual_s:g} s is usual"),
+            (
+                _WARN,
+                limit_s > _LONG_LATCH_S,
+                f"a fault would act for too long: lower it to {usual_s:g} s, the usual value",
+            ),
         )
 
 
@@ -168,7 +172,8 @@ def _sensor_axis(robot_file: RobotFile, body: RigidBody) -> Finding:
         (
             _WARN,
             outwards < _OUTWARDS,
-            "the axis is across the last link; correct it unless the tool pushes that way",
+            "the axis is perpendicular to the last link; correct the axis, unless the tool pushes in this "
+            "direction",
         ),
     )
 

@@ -180,7 +180,7 @@ def _joint_finding(joint: int, moved_rad: FloatArray) -> Finding:
     if most != joint:
         other = f"{value}, but joint {most + 1} moved by {moved_rad[most]:+.2f} rad"
         return fail(subject, other, "the drives' ids are in the wrong order: correct the robot file")
-    remedy = "change its 'reversed' in the robot file, then its zero_rad"
+    remedy = "change 'reversed' of this joint in the robot file, and then correct its zero_rad"
     return graded(subject, value, (_FAIL, own_rad < 0, remedy))
 
 
@@ -432,13 +432,13 @@ def _stopped(
         if suspects[0] > 1:
             remedy += (
                 "; a wrong angle of an earlier joint has the same effect, so compare the pose above with the "
-                "arm's"
+                "arm's real pose"
             )
     if len(suspects) > 1:
         remedy = (
             f"the torques of joints {', '.join(map(str, suspects))} contradict the motion, so the faulty "
-            "joint is unknown; compare the pose above with the arm's (zero_rad, gear ratio), then check "
-            "models and masses"
+            "joint is unknown; compare the pose above with the arm's real pose (zero_rad, gear ratio), then "
+            "check drive models and masses"
         )
     yield fail("small motion", f"the guard stopped the arm: {cause}", remedy)
 

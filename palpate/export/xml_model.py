@@ -333,7 +333,7 @@ class _Mjcf:
                 gain = f"the servo's gain is {gain_nm_rad:g} N m/rad"
                 self._omit(joint, f"kp {kp:g} of <position> is kept, but {gain}")
             if kv:
-                included = "the fitted damping already includes the servo's"
+                included = "the fitted damping already includes the servo's damping"
                 self._omit(joint, f"kv {kv:g} of <position> is kept, but {included}")
 
     def _actuators(self, element: Element) -> list[Element]:

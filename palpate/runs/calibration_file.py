@@ -188,16 +188,18 @@ def print_usage_hint(calibration: Calibration, path: Path, options: RunOptions) 
     unit = getattr(calibration, "reading_unit", "N")
     if unit != "N":
         stderr.print(
-            f"\nIt calibrates readings in {unit}. A robot file cannot use it, because a robot's "
+            f"\nThis calibration is for readings in {unit}. A robot file cannot use it, because a robot's "
             "driver reads N."
         )
         again = f"palpate calibrate force {options.robot_words} --weights-kg 0,0.5,1,2,1,0.5,0"
         console.next_steps((again, "calibrate the sensor through the robot's driver"))
         return
     if is_shipped:
-        stderr.print(f"\nTo use it, copy the shipped arm, and write into the copy's {safe(file.name)}:")
+        stderr.print(
+            f"\nTo use this calibration, copy the shipped arm, and write into the copy's {safe(file.name)}:"
+        )
     else:
-        stderr.print(f"\nTo use it, write into {display_path(file)}:", soft_wrap=True)
+        stderr.print(f"\nTo use this calibration, write into {display_path(file)}:", soft_wrap=True)
     named = {kind: name for kind, name in robot_file.calibration.model_dump().items() if name is not None}
     folder = file.resolve().parent
     named[calibration.kind] = str(path.relative_to(folder) if path.is_relative_to(folder) else path)
@@ -205,15 +207,24 @@ def print_usage_hint(calibration: Calibration, path: Path, options: RunOptions) 
     stderr.print(f"  calibration: {safe(line.strip())}", soft_wrap=True)
     wire = " --wire" if calibration.source == "emulated" else ""
     if wire:
-        stderr.print("It was made with emulated devices, so use it with --wire; a real arm refuses it.")
+        stderr.print(
+            "This calibration was made with emulated devices: a real arm refuses it, so use it only with "
+            "--wire."
+        )
     if is_shipped:
         copy = Path(f"my_{options.robot}")
         console.next_steps(
             (f"cp -r {shell_path(file.parent)} {copy}", "copy the arm's files, to change them"),
-            (f"palpate probe --robot {copy / file.name}", "probe with it, once the robot file names it"),
+            (
+                f"palpate probe --robot {copy / file.name}",
+                "probe with this calibration, once the robot file names it",
+            ),
         )
         return
     gentle = "" if is_simulated(robot_file) else f" {FIRST_PROBE}"
     console.next_steps(
-        (f"palpate probe {options.robot_words}{wire}{gentle}", "probe with it, once the robot file names it")
+        (
+            f"palpate probe {options.robot_words}{wire}{gentle}",
+            "probe with this calibration, once the robot file names it",
+        )
     )

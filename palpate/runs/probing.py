@@ -251,8 +251,8 @@ def _check_arm(body: RigidBody, recorded: Session) -> None:
     distance_m = float(np.nanmax(np.linalg.norm(tip_m - recorded_m, axis=1)))
     if distance_m > _FARTHEST_M:
         raise InputError(
-            f"{recorded.path}: was recorded with a different arm: in the same postures, the tip of this "
-            f"arm is up to {1e3 * distance_m:.0f} mm away. Name the right arm with --robot"
+            f"{recorded.path}: was recorded with a different arm: in the same postures, the tip of this arm "
+            f"is up to {1e3 * distance_m:.0f} mm from the recorded tip. Name the recorded arm with --robot"
         )
 
 

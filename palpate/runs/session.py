@@ -133,7 +133,7 @@ class ArmSession:
                 if not result.cause:
                     raise
                 cause = f"the arm was stopped: {result.cause}"
-                raise DeviceError(f"{cause}; then its devices failed to close: {error}") from error
+                raise DeviceError(f"{cause}; then the arm's devices failed to close: {error}") from error
         return replace(result, deactivation_error="")
 
 

@@ -21,8 +21,8 @@ FolderOption = Annotated[Path | None, Option(help=_FOLDER, metavar="FOLDER")]
 _FORCE = "Replace existing files of the same names in the folder of --out."
 ForceOption = Annotated[bool, Option("--force", help=_FORCE)]
 _MODEL = (
-    "Base model, such as kelvin_voigt (an unknown name prints the list); default: the usual one "
-    "of each channel."
+    "Base model, such as kelvin_voigt (an unknown name prints the list); default: the usual model of each "
+    "channel."
 )
 ModelOption = Annotated[str | None, Option(help=_MODEL, autocompletion=model_names)]
 
@@ -158,8 +158,8 @@ class DataArguments(StudyOptions):
         """Report the held-out runs that a command leaves out without scoring on them."""
         if self.held_out:
             words = (
-                f"--held-out {self.held_out}: these runs are left out; only palpate compare and add score on "
-                "them"
+                f"--held-out {self.held_out}: this command leaves these runs out; palpate compare and "
+                "palpate add compute errors on them"
             )
             console.stderr().print(words)
 

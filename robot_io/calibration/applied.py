@@ -283,7 +283,7 @@ def _reject_reason(
         ),
         (
             not emulated and calibration.source is None,
-            f"does not say whether real devices were read ('source'); {remedy}",
+            f"does not state its 'source', so it may have been made with emulated devices; {remedy}",
         ),
         (now_utc >= until, f"expired on {until:%Y-%m-%d}; {remedy}"),
         (

@@ -169,8 +169,8 @@ class ForceCalibration(Calibration):
             raise problem_at(
                 "values.scale.value",
                 f"must be between {_SMALLEST_SCALE:g} and {_LARGEST_SCALE:g} (is "
-                f"{self.values.scale.value:.3g}); if the true scale is outside, correct the driver's "
-                "setting, such as capacity_n, and check the stated weights",
+                f"{self.values.scale.value:.3g}); if the true scale is outside this range, correct the "
+                "driver's setting, such as capacity_n, and check the stated weights",
             )
         return self
 

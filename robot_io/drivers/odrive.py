@@ -164,7 +164,10 @@ class OdriveBus(MotorBus):
         for joint, count in enumerate(self._answers):
             if count:
                 setting = odrive.VOLTAGE_PERIOD[self._settings.firmware]
-                problem = "sends its supply voltage unasked, which hides the delay of its answers"
+                problem = (
+                    "sends its supply voltage without a request, so the delay of its answers cannot be "
+                    "measured"
+                )
                 raise self._motor_error(joint, f"{problem}; set {setting} = 0")
 
     def _measure_latencies(self) -> list[float]:
@@ -336,7 +339,7 @@ class OdriveBus(MotorBus):
         """Return all settings that an axis needs over USB, as odrivetool commands."""
         limits = (
             f"{odrive.VELOCITY_LIMIT} = {max(map(self._fastest_rev_s, range(self.joint_count))):.1f} or more",
-            f"{odrive.CURRENT_LIMIT[self._settings.firmware]} = what max_torque_nm needs",
+            f"{odrive.CURRENT_LIMIT[self._settings.firmware]} = the current that max_torque_nm needs",
         )
         are_written = all(axis.current_limit_a for axis in self._axes)
         return (
@@ -537,9 +540,9 @@ class OdriveBus(MotorBus):
         if self._short_count[joint] < _SHORT_SAMPLES:
             return ""
         return (
-            f"exerts {abs(self._short_nm[joint]):.2f} of {abs(self._sent_nm[joint]):.2f} N m at the motor; "
-            "check whether a setting limits torques; the velocity limiter is on by default; to switch it "
-            f"off, set {odrive.ENABLE_VELOCITY_LIMIT} = False"
+            f"exerts {abs(self._short_nm[joint]):.2f} N m at the motor instead of "
+            f"{abs(self._sent_nm[joint]):.2f} N m; check whether a setting limits torques; the velocity "
+            f"limiter is on by default; to switch it off, set {odrive.ENABLE_VELOCITY_LIMIT} = False"
         )
 
     def _loss(self, beat: Heartbeat) -> str:

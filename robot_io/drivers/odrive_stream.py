@@ -119,8 +119,8 @@ class EstimateStream:
                 self._jumped_s = now_s
                 if self._jumps >= _JUMPS:
                     self.problem = (
-                        f"the position jumps by {change_rev:.2f} turns; if only one axis has this id, its "
-                        "encoder fails"
+                        f"the position jumps by {change_rev:.2f} turns; if only one axis has this id, the "
+                        "encoder of this axis fails"
                     )
                 return False
         self._position_rev, self._velocity_rev_s, self._accepted_s = position_rev, velocity_rev_s, now_s

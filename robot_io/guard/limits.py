@@ -96,15 +96,17 @@ class Problem(NamedTuple):
     remedy: str = ""
 
 
-_EXAMINE = "check its cable and its supply; palpate doctor examines it"
+_EXAMINE = "check the device's cable and supply; palpate doctor examines the device"
 _LATE = "check cable and supply; palpate doctor shows what rates the buses can carry"
 _END_OF_RANGE = "palpate doctor shows the ranges; check that the robot file describes this device"
-_LAGS = "is it blocked, too heavily loaded, or weaker than the robot file says? See palpate doctor --move"
+_LAGS = (
+    "is the joint blocked, too heavily loaded, or weaker than the robot file says? Run palpate doctor --move"
+)
 _OUTSIDE = (
     "move the joint back by hand; if it may go there, widen limits.position_min_rad and position_max_rad"
 )
 _TOO_FAST = "plan slower moves; if the joint may move this fast, raise limits.velocity_rad_s"
-_TOO_STRONG = "press with less force, or more slowly; if arm and sensor can bear it, raise limits.force_n"
+_TOO_STRONG = "press with less force, or more slowly; if arm and sensor can carry more, raise limits.force_n"
 
 
 class LimitChecks:

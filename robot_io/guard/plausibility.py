@@ -204,8 +204,8 @@ class StuckEncoders:
                 share = _STOPPED_SHARE if stopped else _TORQUE_SHARE
                 self.suspicion = (
                     f"encoder of joint {i + 1}: stuck at {joint.position_rad:.4g} rad (or the joint is "
-                    f"jammed) while its reference moved by {abs(moved_rad):.2g} rad and its torque by "
-                    f"{changed_nm:.2g} N m"
+                    f"jammed) while its reference moved by {abs(moved_rad):.2g} rad and its torque changed "
+                    f"by {changed_nm:.2g} N m"
                 )
                 if changed_nm > self._torques_nm[i] * share:
                     problem = Problem(self.suspicion, _ENCODER_REMEDY)
@@ -322,8 +322,8 @@ _LATE_S = 0.1  # largest delay of a reading
 _PAUSE_S = 0.1  # time without a command after which the next command counts as the first
 
 _DRIVE_REMEDY = (
-    "check the drive's supply and connectors, and restart it; palpate doctor checks it; if it follows "
-    "commands and only reports its torque wrongly, raise limits.unresponsive_drive_s"
+    "check the drive's supply and connectors, restart the drive, and run palpate doctor; if the drive "
+    "follows commands and only reports a wrong torque, raise limits.unresponsive_drive_s"
 )
 
 
@@ -509,7 +509,8 @@ class UnresponsiveDrives:
             if drive.count >= _DISOBEYED_SAMPLES and sampled_at_s - drive.obeyed_at_s >= self._time_s - 1e-9:
                 return Problem(
                     f"joint {joint}: its drive exerts {measured_nm:.2f} N m although "
-                    f"{drive.least_sent_nm:.2f} N m was sent; it may have restarted, or lost its mode",
+                    f"{drive.least_sent_nm:.2f} N m was sent; the drive may have restarted, or left its "
+                    "torque mode",
                     _DRIVE_REMEDY,
                 )
         return None

@@ -161,7 +161,8 @@ class LinkConnection:
             if open_to:
                 raise InputError(
                     f"{settings.config}: {open_to[0]}: anybody who connects there could move the arm. Give "
-                    "--key FILE on both sides, or certificates (enable_mtls), or stay on 127.0.0.1"
+                    "--key FILE on both sides, use certificates (enable_mtls), or use only addresses of "
+                    "127.0.0.1"
                 )
         self._over_udp = any("udp/" in config.get_json(f"{key}/endpoints") for key in ("listen", "connect"))
         topics = [f"palpate/{settings.name}/{side}" for side in (role, _OTHER_ROLE[role])]
@@ -230,7 +231,7 @@ class LinkConnection:
             return advice
         return (
             f"{advice} Over UDP, each packet lost while connecting costs 10 s "
-            "(transport.unicast.open_timeout); tcp and tls send it again"
+            "(transport.unicast.open_timeout); over tcp or tls, lost packets are sent again"
         )
 
     def heard(self, frame: Frame, at_s: float) -> None:

@@ -73,8 +73,8 @@ def load_seal(path: Path, topic: str) -> FrameCode:
     if not _LEAST_BYTES <= len(key) <= _MOST_BYTES:
         size = f"{len(key)} bytes" if len(key) <= _MOST_BYTES else "too many bytes"
         raise InputError(
-            f"key {path}: {size}; it must hold {_LEAST_BYTES} to {_MOST_BYTES} random bytes; "
-            "'head -c 32 /dev/urandom' creates them"
+            f"key {path}: {size}; it must hold {_LEAST_BYTES} to {_MOST_BYTES} random bytes; 'head -c 32 "
+            "/dev/urandom > FILE' creates such a key"
         )
     return key_seal(hmac.digest(key, topic.encode(), "sha256"))
 
@@ -92,8 +92,8 @@ def check_secret(path: Path, what: str) -> None:
         raise InputError(f"{what} {path}: {error.strerror}") from error
     if os.name == "posix" and mode & (stat.S_IRWXG | stat.S_IRWXO):
         raise InputError(
-            f"{what} {path}: other users can read it (mode {mode:o}); run chmod 600 on it, or make a new one "
-            "if somebody may have read it"
+            f"{what} {path}: other users can read this file (mode {mode:o}); run chmod 600 on it, or, if "
+            "somebody may have read it, make a new secret"
         )
 
 

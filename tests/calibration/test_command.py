@@ -72,7 +72,7 @@ def test_saturation_and_drift_are_reported(tmp_path):
     table.write_text("\n".join(["reading_N,reference_kg", *rows]) + "\n")
     result = json.loads(done("calibrate", "force", "--from", table, "-o", out, "--json").stdout)
     saturated, drift = result["warnings"]
-    assert "1 of 9 plateaus, under 29.42 N, were left out" in saturated
+    assert "1 of 9 plateaus, at 29.42 N, were left out" in saturated
     assert "never shows more than 23.8 N, so set limits.force_n below" in saturated  # not 29.42 N
     assert "drifts by +0.36 N" in drift
     assert result["findings"]["drift"]["unit"] == "N"

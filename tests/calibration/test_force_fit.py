@@ -152,9 +152,7 @@ def test_saturated_plateaus_are_left_out(limits, lost_n):
 
 
 def test_saturation_that_leaves_too_few_plateaus_is_refused():
-    with pytest.raises(
-        InputError, match=r"9 of 11 plateaus, under 5, 10, 20, 30, 40 N, .* saturated\. Too few"
-    ):
+    with pytest.raises(InputError, match=r"9 of 11 plateaus, at 5, 10, 20, 30, 40 N, .* saturated\. Too few"):
         fit_force(find_plateaus(*bench(np.random.default_rng(1), most=4.0)))
 
 

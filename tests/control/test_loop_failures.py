@@ -184,7 +184,7 @@ def test_tracking_error_is_judged_against_the_previous_reference():
     task = Spoilt(jump, 50, torque_nm=0.0)
     result, log = run(MockArm(), task)
     assert "off its reference" in result.cause
-    assert result.cause.endswith("See palpate doctor --move")  # what to do is said once, last, to everybody
+    assert result.cause.endswith("Run palpate doctor --move")  # what to do is said once, last, to everybody
     assert log.texts("trip") == [result.cause]
     assert task.steps == 50
 

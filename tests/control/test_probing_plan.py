@@ -125,7 +125,7 @@ def test_sensor_too_noisy_for_the_force_limit_presses_nothing(noise_n, limit_n, 
     assert Phase.APPROACH not in record.phase
     (failure,) = task.failures  # and the second speed is not tried
     assert f"with force_limit_n {limit_n:g} N, at most {0.35 * limit_n:.3g} N" in failure
-    needed_n = float(failure.split("a force_limit_n of ")[1].split(" N")[0])
+    needed_n = float(failure.split("raise force_limit_n to ")[1].split(" N")[0])
     assert needed_n == pytest.approx(least_n, rel=0.1)  # six standard deviations over 0.35
     assert np.abs(record.position_rad[-1] - record.position_rad[0]).max() < 1e-3
 

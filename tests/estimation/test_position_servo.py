@@ -137,7 +137,7 @@ def test_export_names_a_column_that_makes_it_possible(tmp_path):
     target = tmp_path / "actuators.py"
     with pytest.raises(InputError) as refused:
         Study(columns).export_simulator(target, "isaaclab")
-    column = str(refused.value).partition(" as a column ")[2].split()[0]
+    column = str(refused.value).partition(" add a column ")[2].split()[0]
     assert column == "torque_Nm"  # torque_1_Nm would belong to a position with that number
     made = Study({**columns, column: STIFF * (goal - q)}).export_simulator(target, "isaaclab")
     assert target.exists()

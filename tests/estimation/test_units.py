@@ -177,7 +177,7 @@ def test_only_units_that_make_a_joint_slower_are_proposed(time, angle, remedy):
 def test_time_unit_that_is_proposed_gives_a_plausible_step(unit, step, proposed):
     count = np.arange(len(T))
     found = imported(**{f"Time [{unit}]": step * count, "Travel [mm]": 1e3 * X, "Load [N]": FORCE})
-    (note,) = (said for said in found.notes if "apart; if this unit is wrong" in said)
+    (note,) = (said for said in found.notes if "apart; if the unit of time is wrong" in said)
     assert note.endswith(f"--unit time={proposed}")
 
 

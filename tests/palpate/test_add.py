@@ -111,6 +111,9 @@ def test_runs_are_held_out_by_an_option(hardening, tmp_path):
     assert added["rmse"] == other.rmse < base["rmse"]
     result = run("compare", hardening, "--held-out", "1", "--folder", tmp_path)
     assert any("--held-out 1" in " ".join(words) for words in next_commands(result))
-    assert "--held-out 1: these runs are left out" in run("estimate", hardening, "--held-out", "1").stderr
+    assert (
+        "--held-out 1: this command leaves these runs out"
+        in run("estimate", hardening, "--held-out", "1").stderr
+    )
     assert_refused(run("add", hardening, "bias", "--held-out", "one"), "--held-out one")
     assert_refused(run("add", hardening, "bias", "--held-out", "9"), "no run 9")

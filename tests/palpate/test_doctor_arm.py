@@ -300,8 +300,8 @@ ALONE = "only the torque of joint {} contradicts the motion"
 @pytest.mark.parametrize(
     ("path", "old", "new", "subjects", "words"),
     [
-        (ROBSTRIDE, "3, model: RS00", "3, model: RS03", ["drive of joint 3"], "correct its model"),
-        (ROBSTRIDE, "3, model: RS00", "3, model: RS01", ["drive of joint 3"], "correct its model"),
+        (ROBSTRIDE, "3, model: RS00", "3, model: RS03", ["drive of joint 3"], "correct the drive's model"),
+        (ROBSTRIDE, "3, model: RS00", "3, model: RS01", ["drive of joint 3"], "correct the drive's model"),
         (ROBSTRIDE, "1, model: RS03", "1, model: RS04", ["torque of joint 1", STOP], ALONE.format(1)),
         (ROBSTRIDE, "2, model: RS03", "2, model: RS04", ["torque of joint 2", STOP], ALONE.format(2)),
         (ROBSTRIDE, "2, reversed", "2, zero_rad: 1.5708, reversed", ["torque of joint 3", STOP], "earlier"),
@@ -356,7 +356,7 @@ def test_torque_is_never_ok_where_an_error_could_not_show(held_nm, required_nm, 
     [
         ("[-1, 0, 0]", Level.FAIL, "back to the arm"),
         ("[0, 1, 0]", Level.FAIL, "no joint moves"),
-        ("[0, 0, 1]", Level.WARN, "across the last link"),
+        ("[0, 0, 1]", Level.WARN, "perpendicular to the last link"),
     ],
 )
 def test_wrong_sensor_axis_is_detected(axis, level, words):

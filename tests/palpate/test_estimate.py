@@ -283,7 +283,7 @@ def test_truncated_session_is_reported(probed, tmp_path):
         estimated = done("estimate", "--estimator", "lsq", file, "--json")
         assert json.loads(estimated.stdout)["cut_off"] is cut_off
         for result in (estimated, run("compare", "--channel", "contact", file)):
-            assert ("the session is cut off" in result.stderr) is cut_off
+            assert ("the session file is cut off" in result.stderr) is cut_off
 
 
 def test_invalid_session_file_is_no_data_file(tmp_path):

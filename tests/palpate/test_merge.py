@@ -115,7 +115,7 @@ def test_truncated_session_is_named(imported, tmp_path):
         (("A", "ARM"), ("not recorded with the arm of",)),
         (("A", "IMPORTED"), ("was not recorded with an arm, but", "a.mcap was;")),
         (("IMPORTED", "A"), ("a.mcap: was recorded with an arm, but", "was not;")),
-        (("PLAIN", "WIDER"), ("stream 'extra' and that in", "differ in columns width")),
+        (("PLAIN", "WIDER"), ("stream 'extra' differs from the one in", "in columns width")),
         (("PLAIN", "IMPORTED"), ("has streams contact",)),
         (("A", "none.mcap"), ("no such file",)),
         (("A", "circle.mcap"), ("circle.mcap: no such file",)),

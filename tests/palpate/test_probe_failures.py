@@ -75,7 +75,8 @@ def test_unreleased_device_does_not_hide_the_stop_cause(tmp_path, log_in_process
     monkeypatch.setattr(SimTorque, "close", fail)
     monkeypatch.setattr(ProbingTask, "step", lambda *_: 1 / 0)
     with pytest.raises(
-        DeviceError, match=r"ZeroDivisionError.*; then its devices failed to close: .*the port does not close"
+        DeviceError,
+        match=r"ZeroDivisionError.*; then the arm's devices failed to close: .*the port does not close",
     ):
         probe(tmp_path)
 

@@ -257,14 +257,16 @@ def test_active_reports_in_the_form_of_answers_are_named(make_robot, when):
     report = lambda now_s: [motor._reply()]  # noqa: E731
     if when == "before":
         motor.send_unrequested = report
-        with pytest.raises(DeviceError, match=r"joint 2 \(motor 2\): .*, or does it report unasked \(switch"):
+        with pytest.raises(
+            DeviceError, match=r"joint 2 \(motor 2\): .*, or does the motor send reports without a request\?"
+        ):
             arm.robot.configure()
         return
     arm.start()
     motor.send_unrequested = report
     motor._zero_rad += 0.01
     arm.ticks(20, PUSH_NM)
-    assert "does it report unasked" in arm.problem
+    assert "does the motor send reports without a request" in arm.problem
 
 
 @pytest.mark.parametrize(("changes", "hinted"), [((), True), (ENTER, False)], ids=["exit", "enter"])

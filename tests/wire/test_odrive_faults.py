@@ -79,7 +79,9 @@ def test_velocity_limiter_that_cuts_torques_is_named(make_robot, left_nm, named)
     assert not arm.problem  # it is named in the fifth sample
     arm.tick((9.0, 1.0, 0.0))
     assert arm.drive_torque_nm[0] == pytest.approx(9.0 * left_nm, abs=0.1)
-    assert (f"joint 1 (node 0): exerts {left_nm:.2f} of 1.00 N m" in arm.problem) is named
+    assert (
+        f"joint 1 (node 0): exerts {left_nm:.2f} N m at the motor instead of 1.00" in arm.problem
+    ) is named
     assert ("enable_torque_mode_vel_limit = False" in arm.problem) is named
     assert "node 1" not in arm.problem
 
@@ -423,7 +425,9 @@ def test_voltages_without_a_request_are_refused(make_robot, changes, setting):
     motor = arm.motors[1]
     torque = motor._torque
     motor._torque = lambda: motor._answer(0x17)[0] if arm.clock.now_s() % 0.01 < 1e-3 else torque()
-    with pytest.raises(DeviceError, match=rf"joint 2 \(node 1\): .* unasked.*set .*\.{setting} = 0"):
+    with pytest.raises(
+        DeviceError, match=rf"joint 2 \(node 1\): .* without a request.*set .*\.{setting} = 0"
+    ):
         arm.robot.configure()
 
 

@@ -64,7 +64,7 @@ def test_feetech_servos_missing_from_the_robot_file_are_detected(make_robot):
     with pytest.raises(DeviceError, match="no answer from servo 3"):
         arm.robot.buses["motors"].configure()
     findings = examined(arm)
-    said = "does not answer, but id 9, which the robot file does not have"
+    said = "does not answer, but id 9, which the robot file does not list"
     assert findings["servo 3 (joint 2)"].text == said
     assert findings["other servos"].level is Level.WARN
 

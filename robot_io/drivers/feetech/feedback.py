@@ -131,7 +131,10 @@ class PlausibilityFilter:
                 if feedback.torque_on[k] and sent and goal not in sent:
                     return f"servo {servo_id}: goal position is {goal} instead of {sent[0]}"
                 if abs(steps[k]) > largest_step:
-                    return f"servo {servo_id} jumped from {self._last_positions[k]} to {feedback.position[k]}"
+                    return (
+                        f"position of servo {servo_id} jumped from {self._last_positions[k]} to "
+                        f"{feedback.position[k]} counts"
+                    )
         self._last_s, self._last_positions = now_s, feedback.position
         return None
 

@@ -61,7 +61,9 @@ class MitBus(PolledMotorBus[MitState]):
         self._register_asked: tuple[int, MotorRegister] | None = None  # joint and register
         self._register_values: list[float] = []
         if self._dialect.may_report:
-            reports = "does it report unasked (switch its active reporting off)?"
+            reports = (
+                "does the motor send reports without a request? To stop them, switch active reporting off"
+            )
             self._two_motors = f"do two motors have this id, or {reports}"
         if validated.ask_with == "exit" and not self._dialect.activation_registers:
             self._silence_remedy = "a motor that answers only in motor mode needs 'ask_with: enter'"
@@ -83,9 +85,10 @@ class MitBus(PolledMotorBus[MitState]):
                         document,
                         ("limits", key, joint),
                         f"{self.motor_label(joint)} reports {motor.zero_rad - half_rad:.2f} to "
-                        f"{motor.zero_rad + half_rad:.2f} rad, and a stop takes up to {stop_rad:.2f} rad "
-                        f"more; write at {most} {valid_rad:.2f}, or lower velocity_rad_s or "
-                        "safe_state.stop_time_s, or change the motor's zero_rad or gear_ratio",
+                        f"{motor.zero_rad + half_rad:.2f} rad, and a stop needs up to {stop_rad:.2f} rad "
+                        f"beyond this limit; set the limit to at {most} {valid_rad:.2f}, or lower "
+                        "velocity_rad_s or safe_state.stop_time_s, or change the motor's zero_rad or "
+                        "gear_ratio",
                         limit_rad,
                     )
 
@@ -139,7 +142,7 @@ class MitBus(PolledMotorBus[MitState]):
             warnings = self._warnings[joint]
             return f"warns: {self._error_names(warnings)}" if warnings else ""
         end_rad = self._ranges[joint].position_rad
-        return f"was at the end of its range of {end_rad:.2f} rad; turn it back, then start again"
+        return f"was at the end of its range of {end_rad:.2f} rad; turn the joint back, then start again"
 
     def _error_names(self, error: int) -> str:
         return self._dialect.error_names(error)
@@ -185,7 +188,9 @@ class MitBus(PolledMotorBus[MitState]):
                 reported = self._register(joint, register)
                 if not abs(reported - stated) <= _SAME_RANGE * stated:
                     problem = f"its {register.name} is {reported:g}, but the robot file states {stated:g}"
-                    raise self._motor_error(joint, f"{problem}: correct its 'ranges', or the motor's setting")
+                    raise self._motor_error(
+                        joint, f"{problem}: correct 'ranges' in the robot file, or the motor's setting"
+                    )
             if self._dialect.position_register:
                 # Its position must agree with its states, on the same turn.
                 register = self._dialect.position_register
@@ -199,9 +204,12 @@ class MitBus(PolledMotorBus[MitState]):
                     problem = (
                         f"its {register.name} is {reported_rad:.3f} rad at the joint, but its messages report"
                     )
-                    remedy = "turn it back into the range of its messages, or correct its 'ranges'"
+                    remedy = (
+                        "turn the joint back into the range of these messages, or correct the motor's "
+                        "'ranges' in the robot file"
+                    )
                     if high_rad - low_rad > _SAME_POSITION_RAD:
-                        remedy = "it moves, so hold the arm still, and start again"
+                        remedy = "the joint moves, so hold the arm still, and start again"
                     raise self._motor_error(joint, f"{problem} {stated_rad:.3f}: {remedy}")
 
     def _ask_again(self) -> None:
@@ -232,7 +240,7 @@ class MitBus(PolledMotorBus[MitState]):
                 value += f"{evidence} at activation"
                 if warnings := self._warnings[joint]:
                     value = f"warns: {self._error_names(warnings)}; {value}"
-                    findings.append(warn(label, value, "let it cool down, or lower its load"))
+                    findings.append(warn(label, value, "let the motor cool down, or lower its load"))
                 else:
                     findings.append(ok(label, value))
         return findings

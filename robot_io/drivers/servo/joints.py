@@ -109,7 +109,7 @@ class ServoMounting(FileModel):
             return None
         return (
             f"has a homing offset of {measured_offset}, but the robot file states {self.homing_offset}, so "
-            "it has been calibrated again, and its positions mean other angles"
+            "the servo has been calibrated again, and its positions mean other angles now"
         )
 
 

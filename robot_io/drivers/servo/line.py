@@ -324,7 +324,7 @@ class ServoLine(ABC):
 
 
 IS_ON = "its torque is on, although it was switched off"
-TOO_HOT = "let it cool down; see what it pushes against, and lower its load"
+TOO_HOT = "let the servo cool down, check what it pushes against, and lower its load"
 
 
 def examine_line(
@@ -341,7 +341,7 @@ def examine_line(
     if not any(answers[servo_id] for servo_id in line.ids) and not damaged:
         return [_silence_finding(settings, line, answers)]
     unknown_ids = sorted(answers.keys() - set(line.ids))
-    extra = f", but {_describe_ids(unknown_ids)}, which the robot file does not have" if unknown_ids else ""
+    extra = f", but {_describe_ids(unknown_ids)}, which the robot file does not list" if unknown_ids else ""
     findings: list[Finding] = []
     for servo_id, label in zip(line.ids, settings.labels, strict=True):
         if answers[servo_id] > 1:

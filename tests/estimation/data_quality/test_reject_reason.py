@@ -123,7 +123,9 @@ REJECTED = {
     "take shorter recordings": lambda: replace(very_long(), run=np.zeros(len(very_long()), np.int64)),
     "record at least 60": lambda: DATA.select(COUNT[:59]),
     "only 0 samples": lambda: DATA.select(COUNT[:0]),
-    "was rectified; record it with its sign": lambda: replace(swinging(), effort=np.abs(swinging().effort)),
+    "was rectified; record the effort with its sign": lambda: replace(
+        swinging(), effort=np.abs(swinging().effort)
+    ),
     "recorded as an absolute value": lambda: with_lost_sign(0.3),
     "negative readings were probably cut off": lambda: replace(
         swinging(), effort=np.maximum(swinging().effort, 0.0)
@@ -179,7 +181,9 @@ IMPLAUSIBLE = {  # what is said of it, and how often
     "the force is 0.5 s late relative to the motion (correlation 0.99": press(effort=np.roll(F, 250)),
     "the signal was rectified, and": press(effort=np.abs(F)),
     "was one column used for both?": press(effort=0.5 * DATA.position),
-    "explain only 0 % of the force; is it the right column?": press(effort=shuffled_in_contact()),
+    "explain only 0 % of the force; is the right column read as the force?": press(
+        effort=shuffled_in_contact()
+    ),
     "only one run was recorded, and it goes through its motion once, so changes": lambda: DATA.of_runs(
         DATA.runs[:1]
     ),

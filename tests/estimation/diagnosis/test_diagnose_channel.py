@@ -32,7 +32,7 @@ module = import_module(
 @pytest.mark.parametrize(
     ("levels", "rmse", "said"),
     [
-        (np.arange(4) * 0.5, 0.3, "the effort has only 4 different readings, 0.500 N m apart, and the model"),
+        (np.arange(4) * 0.5, 0.3, "the effort has only 4 different readings, 0.500 N m apart. The model"),
         (np.arange(4) * 0.5, 0.5, None),  # a step or more
         (np.arange(12) * 0.5, 0.3, "only 12 different readings"),
         (np.arange(13) * 0.5, 0.3, None),  # it crosses so many that they average out

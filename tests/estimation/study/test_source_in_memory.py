@@ -31,7 +31,7 @@ N = len(T)
         (np.ones(N - 1), "different lengths: time_s 200, displacement_m 200, force_N 199"),
         (np.ones(N) * 1j, "column 'force_N' holds complex numbers"),
         ([object()] * N, "column 'force_N' holds values of type object"),
-        (["much"] * N, "holds no numbers at all; name another one with --column"),
+        (["much"] * N, "holds no numbers at all; name another column with --column"),
         (T.astype("datetime64[s]"), "column 'force_N' holds clock times instead of force"),
         ([f"00:00:{t:05.2f}" for t in T], "column 'force_N' holds clock times instead of force"),
         ([*T.tolist()[:-1], [1.0, 2.0]], "column 'force_N' holds values of type float, list"),

@@ -105,7 +105,9 @@ def test_emulated_calibration_is_for_emulated_devices_alone(tmp_path, kind):
 
 def test_calibration_without_reading_unit_is_not_applied(tmp_path):
     robot_file = robot_with(tmp_path, "force", source=None)
-    with pytest.raises(InputError, match="does not say whether real devices were read"):
+    with pytest.raises(
+        InputError, match="does not state its 'source', so it may have been made with emulated devices"
+    ):
         load_calibrations(robot_file, NOW)
     text = (tmp_path / "force.yaml").read_text()
     assert "source" not in text

@@ -205,7 +205,9 @@ def test_jump_beyond_the_fastest_motion_is_damage(moved, jumps, way):
     assert seen(100) is None
     clock.sleep_until(0.01)
     said = seen(100 + moved)
-    assert said == (f"servo 2 jumped from {way * 100} to {way * (100 + moved)}" if jumps else None)
+    assert said == (
+        f"position of servo 2 jumped from {way * 100} to {way * (100 + moved)} counts" if jumps else None
+    )
     clock.sleep_until(0.02)
     assert seen(110) is None
 

@@ -220,7 +220,7 @@ def test_restarted_drive_is_named_in_time(wear, at, side):
     )
     assert at < tick <= at + 12  # the limit of 10 ms, and two ticks
     assert said.startswith("joint 1: its drive exerts ")
-    assert said.endswith("N m was sent; it may have restarted, or lost its mode")
+    assert said.endswith("N m was sent; the drive may have restarted, or left its torque mode")
 
 
 NAMED = {  # changed limits, what is shown, what is sent, ticks a sample; the first and last tick that may be
