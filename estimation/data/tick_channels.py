@@ -198,8 +198,9 @@ def contact_channels(ticks: Samples, *, tared: bool) -> tuple[ChannelData, ...]:
             touches.append(contact)
     names = ["contact"] if len(places) == 1 else [f"contact_{number}" for number in range(1, len(places) + 1)]
     warning = (
-        f"{len(pressed) - len(straight)} of {len(pressed)} presses differ in direction from the first, which "
-        "is taken as the surface normal; the forces and joint torques of these presses are not used"
+        f"{len(pressed) - len(straight)} of {len(pressed)} presses differ in direction from the first press, "
+        "whose direction is taken as the surface normal. The forces and joint torques of the presses in "
+        "other directions are not used"
     )
     return tuple(
         replace(

@@ -91,8 +91,8 @@ def extent(data: ChannelData) -> str:
 
 FEW_READINGS = "different readings"  # part of the reason for a sensor whose resolution is too coarse
 _REPEAT_RUNS = (
-    "repeat the motion at least three times, slowly and fast, each as a run of its own; in a data file, a "
-    "column `run` numbers them"
+    "repeat the motion at least three times, slowly and fast, each as a run of its own; in a data file, "
+    "number the runs in a column `run`"
 )
 _FINER_SENSOR = "use a finer sensor, or a motion that takes more effort: harder, faster, or wider"
 NO_VARIED_MOTION = "no change of the recorded motion is expected to separate the explanations"

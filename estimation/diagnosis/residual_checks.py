@@ -89,8 +89,8 @@ def check_residuals(
         return None
     if complete and (left := _error_with_own_waves(end)) is not None:
         return ResidualFinding(
-            "the error ripples with position, and its phase differs between runs; with a wave fitted to each "
-            f"run, the error would be {with_unit(left, unit)}; start each run from the same reference "
+            "the error is periodic in position, with a different phase in each run. With a wave fitted to "
+            f"each run, the error would be {with_unit(left, unit)}; start each run from the same reference "
             "position",
             "run",
         )

@@ -541,4 +541,4 @@ def _describe_oscillation(end: FitResult) -> str:
     if line is None:
         return ""
     size = with_unit(np.sqrt(line[1]) * end.rmse, end.data.effort_unit)
-    return f"; {size} of the noise oscillates at {line[0]:.3g} Hz, also in free air"
+    return f"; a part of the noise ({size} rms) oscillates at {line[0]:.3g} Hz, also in free air"

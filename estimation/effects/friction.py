@@ -101,7 +101,7 @@ class LoadDependentFriction(CoulombFriction):
         "load_dependent_presliding": "stop under load: presliding friction keeps its last value at rest",
         "coulomb_friction": "repeat with another load",
         "torque_gain": (
-            "lift and lower the same load: friction changes sign with the motion, but a gain does not"
+            "lift and lower the same load: friction changes sign with the motion, but a gain's error does not"
         ),
     }
 

@@ -36,7 +36,10 @@ class PreslidingFriction(AdditiveEffect):
     physics = "Asperities and cables stretch like springs before they slide, and stay stretched at rest."
     equation = "effort = f s, ds/dq = (1 - s sign(v))/presliding, s = 0 at first"
     source = "P. R. Dahl, A Solid Friction Model, Aerospace Corp. TOR-158 (1968)"
-    signature = "after a reversal, effort changes over a distance, at any speed; at rest it keeps its value"
+    signature = (
+        "after a reversal, effort changes gradually over a distance, at any speed; at rest, it keeps its "
+        "value"
+    )
     signals: ClassVar[tuple[str, ...]] = ("direction", "past motion")
     channels = JOINTS
     gains: ClassVar[tuple[Parameter, ...]] = (Parameter("force", "{effort}", 0.0, 1e12, (0.001, 50.0)),)
@@ -81,7 +84,7 @@ class LoadDependentPresliding(PreslidingFriction):
         "load_dependent_friction": "stop under load: presliding friction keeps its last value at rest",
         "presliding_friction": "repeat with another load",
         "torque_gain": (
-            "lift and lower the same load: friction changes sign with the motion, but a gain does not"
+            "lift and lower the same load: friction changes sign with the motion, but a gain's error does not"
         ),
     }
 
@@ -209,8 +212,8 @@ class Backlash(MotionEffect):
     equation = "q_true = play(q, gap/2); it rests inside the gap; inertia and friction of the motor follow q"
     source = "M. Nordin, P.-O. Gutman, Controlling mechanical systems with backlash, Automatica 38 (2002)"
     signature = (
-        "just after a reversal the load's share of the effort is missing until the gap is crossed; "
-        "the resting place depends on the last direction"
+        "just after a reversal the load's share of the effort is missing until the gap is crossed; the rest "
+        "position depends on the last direction of motion"
     )
     signals = ("direction", "past motion")
     channels = JOINTS

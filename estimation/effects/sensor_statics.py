@@ -63,7 +63,9 @@ class TorqueGain(SensorEffect):
     physics = "The torque constant or the gear ratio in use differs from the true one."
     equation = "reading = gain effort"
     source = "M. Gautier, S. Briot, J. Dyn. Sys. Meas. Control 136 (2014): identification of drive gains"
-    signature = "all of the effort is scaled by one factor; only a model with a known mass can show it"
+    signature = (
+        "all of the effort is scaled by one factor; only a model with a known mass can show this factor"
+    )
     signals = ("effort",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     inner = (Parameter("gain", "1", 0.2, 5.0, (0.6, 1.6), log=True),)
@@ -116,7 +118,7 @@ class Deadband(SensorEffect):
     physics = "Friction or a threshold in the sensor hides the first part of any effort."
     equation = "reading = effort - clip(effort, -width, width)"
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 2: threshold"
-    signature = "readings are zero for small efforts, and too small by a constant for others"
+    signature = "readings are zero for small efforts, and too small by a constant for larger ones"
     signals = ("effort",)
     inner = (Parameter("width", "{effort}", 1e-15, 1e9, (0.001, 1.0), log=True),)
     start_multiples = {"width": ("largest_effort", np.geomspace(0.01, 0.4, 8))}

@@ -88,9 +88,10 @@ class CompareOptions(DataArguments):
 def compare_command(data: CompareOptions) -> None:
     """Compare a model with the measurement: how large its error is, and where it is largest.
 
-    Compares the base model; use --revision N for a later one. Errors are computed on runs that were not
-    used for the fit. The noise level is the error that a complete model would leave. The model fits if its
-    error is below 1.1 times the noise, or at most three times the noise without a sign of a missing effect.
+    Compares the base model; to compare a revision, add --revision N. Errors are computed on runs that were
+    not used for the fit. The noise level is the error that a complete model would leave. The model fits if
+    its error is below 1.1 times the noise, or at most three times the noise without a sign of a missing
+    effect.
 
     With OTHER, compares two measurements: how well each model describes the other measurement (fit in %), how
     parameters differ, and the residuals of each model.

@@ -195,7 +195,7 @@ def replay_command(
         content | {"cause": result.cause, "sealed": str(sealed) if sealed else None},
         show,
         [
-            (f"palpate compare {shell_path(session)} {shell_path(file)}", "both side by side"),
+            (f"palpate compare {shell_path(session)} {shell_path(file)}", "compare both sessions"),
             (f"palpate inspect {shell_path(file)}", "see it in Rerun"),
         ],
         as_json=options.as_json,

@@ -224,7 +224,7 @@ def leader(  # noqa: PLR0917, one parameter an option
             )
         console.say(f"written: [bold]{display_path(session)}[/bold]")
 
-    both = "with the follower's session: both on one timeline"
+    both = "show both sessions on one timeline (give the follower's session, too)"
     again = "the follower sent nothing; run it with the same options"
     inspect = f"palpate inspect {shell_path(session)} FOLLOWER.mcap"
     steps = [(inspect, both) if outcome.heard else ("palpate teleop follower --help", again)]

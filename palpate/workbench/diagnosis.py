@@ -180,7 +180,7 @@ def score_riddle(truth: Set[str], guessed: Set[str], named: Set[str], alike: Set
         if names & truth:
             return "partly right"
         is_alike = bool(names) and names <= alike
-        return "counts as right: these data cannot tell them apart" if is_alike else "wrong"
+        return "accepted as right, because these data cannot tell them apart" if is_alike else "wrong"
 
     text = f"The hidden effect: {_listed(truth)}. You said {_listed(guessed)}: {rated(guessed)}. "
     text += f"The diagnosis said {_listed(named)}: {rated(named)}."

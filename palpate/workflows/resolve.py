@@ -46,7 +46,7 @@ _ENDS = {
         "expected to separate them"
     ),
     StopReason.UNSEEN: (
-        "an effect seen in an earlier probe is too small to be significant in all probes together"
+        "an effect seen in an earlier probe is not significant in the data of all probes together"
     ),
     StopReason.UNEXPLAINED: (
         "no effect of the library explains the remaining error, and no experiment of this arm is expected to "

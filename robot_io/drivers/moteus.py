@@ -175,7 +175,7 @@ def _frame(host_id: int, motor_id: int, data: bytes) -> CanFrame:
 _ARBITRATION_BITS, _DATA_BITS, _DATA_BITRATE = 48, 37, 5_000_000  # around the data, with a 29 bit id
 _COMMAND_BYTES, _ANSWER_BYTES = 32, 24
 _NO_REFERENCE = "has no reference for its position (home state 0)"
-_KNOWN_BY = {ROTOR: "the rotor alone, within one of its turns", OUTPUT: "the output"}
+_KNOWN_BY = {ROTOR: "the rotor alone, within one turn of the rotor", OUTPUT: "the output"}
 
 
 class MoteusBus(PolledMotorBus[MoteusState]):

@@ -113,7 +113,12 @@ def test_device_that_differs_from_the_robot_file_is_refused(make_robot, path, ch
         (ROBSTRIDE, "RS03", (3, -2.0), r"position_max_rad entry 1: joint 1 \(motor 1\).* at most 0\.36"),
         (ROBSTRIDE, "RS03", (3, 3.6), r"position_min_rad entry 1: joint 1 \(motor 1\).* at least 1\.24"),
         (ROBSTRIDE, "RS03", (2, 0.0), None),
-        (CUBEMARS, "AK70-10", (2.6, 0.0), r"reports -4\.81 to 4\.81 rad, .* 1\.83 rad beyond.* at most 2\.98"),
+        (
+            CUBEMARS,
+            "AK70-10",
+            (2.6, 0.0),
+            r"reports -4\.81 to 4\.81 rad, .* 1\.83 rad beyond.* at most 2\.98",
+        ),
         (CUBEMARS, "AK70-10", (2.5, 0.0), None),
         (CUBEMARS, "AK70-10", (2.6, 0.2), None),
         (DAMIAO, "DM-J4340", (3.2, 0.0), r"line \d+.* at most 2\.84"),

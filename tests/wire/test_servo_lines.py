@@ -42,7 +42,7 @@ def test_servos_at_another_baud_rate_are_detected(make_robot, path):
         arm.robot.buses["motors"].configure()
     (finding,) = examined(arm).values()
     ids = ", ".join(map(str, sorted(line.servos)))
-    assert finding.text == f"silent at {stated} bit/s; at {rate} bit/s: ids {ids}"
+    assert finding.text == f"silent at {stated} bit/s; answering at {rate} bit/s: ids {ids}"
     assert finding.remedy.startswith(f"set baud_rate: {rate}")
     assert {finding.text for finding in examined(arm).values()} == {finding.text}  # the port is open again
 

@@ -394,7 +394,8 @@ def _silence_finding(settings: ServoBusSettings[Any], line: ServoLine, answers: 
         answering_ids = _ids_answering_at(line, baud_rate) if baud_rate != settings.baud_rate else []
         if answering_ids:
             value = (
-                f"silent at {settings.baud_rate} bit/s; at {baud_rate} bit/s: {_describe_ids(answering_ids)}"
+                f"silent at {settings.baud_rate} bit/s; answering at {baud_rate} bit/s: "
+                f"{_describe_ids(answering_ids)}"
             )
             return fail("servos", value, f"set baud_rate: {baud_rate}, or change it in the servos")
     return fail("servos", "no servo answers at any baud rate", "check power supply, cable and adapter")

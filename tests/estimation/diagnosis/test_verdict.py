@@ -238,7 +238,9 @@ def test_report_states_the_amplitude_of_sensor_hum(hum_n):
     search = searched(data, "cubic_stiffness")
     told = decide_verdict(Evidence(search, measured(search), search.start, True, None))
     assert told.verdict is Verdict.ADEQUATE
-    found = re.search(r"; 0.300 N of the noise oscillates at (\S+) Hz, also in free air", told.reason)
+    found = re.search(
+        r"; a part of the noise \(0.300 N rms\) oscillates at (\S+) Hz, also in free air", told.reason
+    )
     assert (float(found[1]) if found else None) == (pytest.approx(7.3, abs=0.05) if hum_n else None)
 
 

@@ -594,7 +594,7 @@ def test_failed_diagnosis_states_its_reason(browser, tmp_path, monkeypatch, is_s
 
 
 @pytest.mark.parametrize(
-    ("hidden", "rated"), [("lag", "right"), ("delay", "counts as right"), (None, ""), ("spoilt", "")]
+    ("hidden", "rated"), [("lag", "right"), ("delay", "accepted as right"), (None, ""), ("spoilt", "")]
 )
 def test_riddle_opens_the_answer_only_after_a_diagnosis(browser, tmp_path, monkeypatch, hidden, rated):
     entry = SimpleNamespace(effect="lag", confused_with=["delay"])
