@@ -39,7 +39,7 @@ from palpate.estimation.diagnosis.forms import (
     form_tests,
     imitating_effect,
 )
-from palpate.estimation.diagnosis.search import LEVEL, NEAR, Search, backward_step
+from palpate.estimation.diagnosis.search import LEVEL, NEAR, TIE, Search, backward_step
 from palpate.estimation.effect import Effect
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_model import MeasurementModel, identify_measurement_model
@@ -594,8 +594,22 @@ def _rivals(
         is_larger = search.size(rival) > search.size(fit) + 1
         if rival.solution.held_out > half or (is_larger and _is_same_curve(rival, fit, without)):
             continue
-        if not improvement_test(rival, fit, measurement, search.rng).is_significant:
+        is_rival = _fits_as_well_unsmoothed(search, rival, fit)
+        if is_rival or not improvement_test(rival, fit, measurement, search.rng).is_significant:
             yield candidate
+
+
+def _fits_as_well_unsmoothed(search: Search, rival: FitResult, fit: FitResult) -> bool:
+    """Return whether a rival with no more parameters fits as well if smoothing of the motion counts as noise.
+
+    A lag smooths the effort that is computed from a derived acceleration a second time, so a delay fits
+    better in place of a lag that is shorter than the derivative filter. Bootstrap samples do not show this,
+    since their true motion is the smoothed one.
+    """
+    is_derived = fit.filters != ((), ()) and fit.data.kind is not ChannelKind.CONTACT
+    if not is_derived or search.size(rival) > search.size(fit):
+        return False
+    return bool(rival.flexible.before.sum() <= (1.0 + TIE) * fit.flexible.before.sum())
 
 
 def _is_same_curve(rival: FitResult, fit: FitResult, without: FitResult) -> bool:

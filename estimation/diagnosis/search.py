@@ -232,6 +232,9 @@ class Search:
             if self.coarse is not None:
                 rough = self.coarse.alternatives(self.coarse.fitted(fit.solution.model, known), name)
                 promising = {candidate.effect.name for candidate in rough[:SHORTLIST]} | {name}
+                # The coarse copy does not resolve a short lag, which is the nearest rival of a short delay.
+                kind = fit.solution.model.effect(name).kind
+                promising |= {e.name for e in tried if e.kind is kind and self._fine_starts(fit, e)}
                 tried = tuple(candidate for candidate in tried if candidate.name in promising)
             self._alternatives[key] = quick_screen(reduced, tried)
         return self._alternatives[key]

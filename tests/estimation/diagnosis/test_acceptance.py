@@ -30,6 +30,7 @@ from palpate.estimation.diagnosis.completeness import Completeness
 from palpate.estimation.diagnosis.forms import analyze_kinds, form_tests
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.kinds import Kind
+from palpate.estimation.signals.exponential_memory import low_pass
 from tests.estimation.searches import ROTOR, measured, reached, searched
 from tests.estimation.swings import coarse_swings as swings
 from tests.estimation.swings import one_way_turns
@@ -465,8 +466,8 @@ def test_alternative_explains_nineteen_twentieths_of_an_effect():
     assert module._alternatives(search, fit, "bias", 1) == (pytest.approx(2.4), [])
 
 
-def torque_pulses(limit_nm, least):
-    """A joint with pulses of acceleration, from `least` to 6 rad/s^2, and a sensor with a limit."""
+def torque_pulses(limit_nm, least, lag_s=1e-9):
+    """A joint with pulses of acceleration, from `least` to 6 rad/s^2, and a sensor with a limit and a lag."""
     rng, fine, step_s, runs = np.random.default_rng(0), 8, 5e-4, []
     for _ in range(3):
         pairs = zip(rng.uniform(0.2, 0.3, 8), rng.uniform(least, 6.0, 8), strict=True)
@@ -475,7 +476,8 @@ def torque_pulses(limit_nm, least):
         runs.append(np.stack([a, v := np.cumsum(a) * step_s, np.cumsum(v) * step_s])[:, ::fine])
     a, v, q = np.concatenate(runs, axis=1)
     run, time_s = np.repeat(np.arange(3), len(q) // 3), step_s * fine * np.arange(len(q))
-    torque = np.clip(0.05 * a + 0.01 * v, -limit_nm, limit_nm) + rng.normal(0.0, 0.005, len(q))
+    torque = low_pass(np.clip(0.05 * a + 0.01 * v, -limit_nm, limit_nm), time_s, run, lag_s)
+    torque = torque + rng.normal(0.0, 0.005, len(q))
     q = q + rng.normal(0.0, 1e-3, len(q))
     made = differentiate(time_s, q, run)
     motion = q, made.velocity, made.acceleration
@@ -488,6 +490,13 @@ def torque_pulses(limit_nm, least):
 def test_plateau_of_the_acceleration_is_no_saturation(limit_nm, least, smoothing):
     search = searched(torque_pulses(limit_nm, least), "saturation", base=ROTOR)
     assert module.is_smoothing(search.start, reached(search, "saturation")) is smoothing
+
+
+def test_lag_shorter_than_the_filter_of_the_motion_is_a_rival_of_a_delay():
+    search = searched(torque_pulses(np.inf, 3.0, 0.02), "lag", "delay", base=ROTOR)
+    delayed = reached(search, "delay")
+    assert search.is_better(delayed, reached(search, "lag"))
+    assert indistinguishable_models(search, delayed, "delay", measured(search)).keys() == {"lag"}
 
 
 @pytest.mark.parametrize(("name", "smoothing"), [("saturation", True), ("coulomb_friction", False)])

@@ -544,7 +544,8 @@ def test_coarse_search_has_one_sample_per_block_and_selects_candidates():
 
 def test_only_effects_invisible_on_coarse_data_are_tried_beyond_a_shortlist(monkeypatch):
     monkeypatch.setattr("palpate.estimation.diagnosis.search.SHORTLIST", 1)
-    search = searched(quick(rippling), "bias", "joint_spring", "delay", "saturation", COULOMB, RIPPLE)
-    assert {one.effect.name for one in search.screen(search.start)} == {RIPPLE, "delay", "saturation"}
-    end = search.fitted(SWING.with_effect(EFFECTS[COULOMB]()), {})
-    assert {one.effect.name for one in search.alternatives(end, COULOMB)} == {RIPPLE, COULOMB}
+    search = searched(quick(rippling), "bias", "joint_spring", "delay", "lag", "saturation", COULOMB, RIPPLE)
+    assert {one.effect.name for one in search.screen(search.start)} == {RIPPLE, "delay", "lag", "saturation"}
+    for name, found in ((COULOMB, {RIPPLE, COULOMB}), ("delay", {RIPPLE, "delay", "lag"})):
+        end = search.fitted(SWING.with_effect(EFFECTS[name]()), {})
+        assert {one.effect.name for one in search.alternatives(end, name)} == found
