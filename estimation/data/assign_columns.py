@@ -448,8 +448,8 @@ def _orient_signs(
     notes = []
     if keeps_sign:
         notes.append(
-            f"'{force.column}' falls where '{depth.column}' rises, but keeps its sign, because its name says "
-            "that it holds absolute values; if another column holds the signed force, add --column "
+            f"'{force.column}' falls where '{depth.column}' rises, but keeps its sign, because the name says "
+            "that the column holds absolute values; if another column holds the signed force, add --column "
             "force=COLUMN"
         )
     if flipped:

@@ -230,8 +230,8 @@ def _note_time(columns: ColumnAssignment, rows: ImportedRows, user_columns: Coll
         if steps_s[longest] > np.sum(steps_s) - steps_s[longest]:
             row = columns.table.row_name(rows.order[part.start + longest + 1])
             yield (
-                f"'{time.column}' jumps by {steps_s[longest]:.4g} s at {row}, more than the rest of the "
-                "run lasts; if samples are missing, select one part with --where"
+                f"'{time.column}' jumps by {steps_s[longest]:.4g} s at {row}, which is longer than the rest "
+                "of the run; if samples are missing, select one part with --where"
             )
             return
 

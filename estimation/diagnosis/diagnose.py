@@ -156,7 +156,7 @@ def diagnose_channel(
     if may_be_rounding and (reason := _too_few_levels(search.start)):
         return insufficient_diagnosis(data, reason)
     if evidence.complete and not names and len(data) < _MIN_ADEQUATE:
-        reason = f"no missing effect was found, but only a large one can be found in {len(data)} samples"
+        reason = f"no missing effect was found, but {len(data)} samples would show only a large effect"
         return insufficient_diagnosis(data, f"{reason}; record at least {_MIN_ADEQUATE}")
     return decide_verdict(evidence)
 

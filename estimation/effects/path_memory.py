@@ -123,7 +123,7 @@ class DryFriction(AdditiveEffect):
     confused_with = {
         "bouc_wen_hysteresis": "reverse halfway: dry friction then approaches its limit exponentially",
         "damping": "probe at two speeds: friction does not grow with speed",
-        "hysteresis": "press a plain spring: only the sensor's hysteresis remains",
+        "hysteresis": "press a plain spring instead of the object: only the sensor's hysteresis remains",
         "adhesion": "retract slowly beyond the surface",
     }
 

@@ -117,13 +117,13 @@ def is_constant_in_runs(data: ChannelData) -> bool:
 def is_stepwise_command(data: ChannelData) -> bool:
     """Return whether a joint's effort is a command that changes in steps, such as a motor's voltage.
 
-    The acceleration follows a real step of the effort at once and in its direction. If a sensor rounds an
-    effort that changes continuously, the acceleration changes no more at a step of the readings than at
-    other times. More than three evenly spaced values may be a rounded measurement of real steps, and are not
-    called a command, unless the effort is constant in each run while the velocity changes by half or more:
-    readings of a sensor would change there too. Two opposite values, and never zero between them, are always
-    a command, because a sensor that rounds has a reading near zero. So are values whose
-    distances are not multiples of the smallest one.
+    The acceleration follows a real step of the effort at once and in its direction. A sensor that rounds a
+    continuous effort also shows steps, but the acceleration does not change more at these steps than at other
+    times. More than three evenly spaced values may be rounded readings, and are not called a command. An
+    exception is an effort that is constant in each run while the velocity changes by half or more, because
+    readings of a sensor would change with the velocity. Two opposite values without zero are always a
+    command, because a sensor that rounds has a reading near zero. Values are also a command if their
+    distances are not multiples of the smallest distance.
 
     Args:
         data: the channel.

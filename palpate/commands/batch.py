@@ -212,7 +212,7 @@ def _warnings(table: "pa.Table") -> Iterator[str]:
             reach = f"errors reach {largest:.3g} times the noise, and " if isfinite(largest) else ""
             yield (
                 f"{model} does not fit {channel} in {len(missed)} of {count(len(every), 'measurement')}: "
-                f"{reach}its parameters may be biased; add --diagnose to find the missing effect"
+                f"{reach}the model's parameters may be biased; add --diagnose to find the missing effect"
             )
 
 

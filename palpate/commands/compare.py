@@ -243,7 +243,10 @@ def _next_steps(
         for result in results:  # suggest a far better base model if the usual one does not fit
             better = far_better_model(study, result.channel, result.comparison)
             if better is not None:
-                left = f"a base model with an error of {with_unit(better[1], result.channel.effort_unit)}"
+                left = (
+                    "compare a better base model, with an error of "
+                    f"{with_unit(better[1], result.channel.effort_unit)}"
+                )
                 yield f"palpate compare {data.command_text(channel=data.channel, model=better[0])}", left
     again = data.command_text(channel=data.channel, model=data.model)
     yield f"palpate diagnose {again}", "which effect is missing"

@@ -154,7 +154,10 @@ def _next_steps(
         for item in diagnosis.channels:
             better = better_explanation(study, study.channel(item.channel), item)
             if better is not None:
-                left = f"start from a base model with an error of {with_unit(better[1], item.effort_unit)}"
+                left = (
+                    "start from a better base model, with an error of "
+                    f"{with_unit(better[1], item.effort_unit)}"
+                )
                 better_text = data.command_text(channel=data.channel, model=better[0])
                 yield f"palpate diagnose {better_text}", left
     for item in diagnosis.channels if data.urdf is not None else ():

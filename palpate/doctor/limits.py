@@ -89,7 +89,8 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
             )
             yield graded(
                 f"watchdog of {name}",
-                f"the drives switch off {1e3 * watchdog_s:g} ms after the last command (robot file)",
+                f"according to the robot file, the drives switch off {1e3 * watchdog_s:g} ms after the last "
+                "command",
                 (
                     _WARN,
                     watchdog_s < 5 * tick_s,

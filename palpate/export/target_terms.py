@@ -329,7 +329,11 @@ def _doubts(term: TargetTerm, parameters: Mapping[str, ParameterEstimate]) -> li
         changed = known | {name: each.value * (1.0 + 1e-6) + 1e-12}
         is_used = name not in _SHAPES and term.values(changed) != term.values(known)
         if is_used and not (is_known and (low > 0.0 or high < 0.0)):
-            doubt = "its interval includes zero" if is_known else "the data do not determine it alone"
+            doubt = (
+                "its interval includes zero"
+                if is_known
+                else "the data determine it only in combination with other parameters"
+            )
             lines.append(f"{name} {_shown(each)} is exported, but {doubt}")
     return lines
 

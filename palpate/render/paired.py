@@ -97,14 +97,14 @@ def _words(sides: PairedComparison) -> Iterator[str]:
     if sides.repeats:
         yield "B repeats A: the two differ by no more than the noise of both."
     elif np.isfinite(sides.agreement_percent):
-        yield f"B repeats A with a fit of {sides.agreement_percent:.1f} %."
+        yield f"B repeats A with a fit of {sides.agreement_percent:.1f} % (100 % if they are identical)."
     if sides.is_same_data:
-        texts = [f"{letter}'s model has {_describe_fit(side, side)}" for letter, side in pair]
+        texts = [f"{letter}'s model {_describe_fit(side, side)}" for letter, side in pair]
         yield f"{'; '.join(texts)}."
     elif sides.first.compared is not None and sides.second.compared is not None:
         for (letter, side), (other_letter, data) in (pair, pair[::-1]):
             yield (
-                f"{letter}'s model has {_describe_fit(side, data)} on {other_letter}, and "
+                f"{letter}'s model {_describe_fit(side, data)} on {other_letter}, and "
                 f"{_describe_fit(side, side)} on {letter}."
             )
     compared = [(letter, side.compared) for letter, side in pair if side.compared is not None]
@@ -137,11 +137,11 @@ def _is_only_noise(model: ComparedModel, measured: ComparedModel) -> bool:
 
 def _describe_fit(model: ComparedModel, measured: ComparedModel) -> str:
     if _is_only_noise(model, measured):
-        return "only noise left"
+        return "leaves only noise"
     fit = model.fit_of(measured)
     if np.isnan(fit):
-        return "no fit"
-    return f"a fit of {fit:.1f} %" + (" (worse than a constant)" if fit < 0.0 else "")
+        return "has no fit"
+    return f"has a fit of {fit:.1f} %" + (" (worse than a constant)" if fit < 0.0 else "")
 
 
 def _compare_parameters(sides: PairedComparison, *, lacks_effects: bool) -> Iterator[str]:

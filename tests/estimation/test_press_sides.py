@@ -164,7 +164,7 @@ def test_absolute_force_keeps_its_sign_and_other_forces_are_named():
     found = imported(**columns)
     np.testing.assert_allclose(found.channels[0].effort, np.abs(force))
     notes = " ".join(found.notes)
-    assert "keeps its sign, because its name says that it holds absolute values" in notes
+    assert "keeps its sign, because the name says that the column holds absolute values" in notes
     said = "read as the force, not 'rf3_N'; if another column holds the force, add --column force=COLUMN"
     assert said in notes
     chosen = imported(ImportOptions(columns={"force": "rf3_N"}), **columns)

@@ -341,7 +341,7 @@ def test_extended_models_are_compared(hardening, tmp_path):
 def test_fit_limited_by_noise_is_reported(soft, tmp_path):
     weak = write_presses(tmp_path / "weak.csv", force_of=lambda x, v: 10.0 * x + 0.0 * v, seed=5)
     said = run("compare", soft, weak).stdout
-    assert "only noise left on B" in " ".join(said.split())
+    assert "leaves only noise on B" in " ".join(said.split())
     assert said.count("only noise") == 2  # the sentence, and the cell of the table
 
 

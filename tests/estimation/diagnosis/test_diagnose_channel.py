@@ -376,7 +376,7 @@ def test_error_is_compared_with_a_constant_on_the_same_means():
         (
             0.0,
             Verdict.INSUFFICIENT,
-            "no missing effect was found, but only a large one can be found in 90 samples",
+            "no missing effect was found, but 90 samples would show only a large effect",
         ),
         (6e4, Verdict.MISSING, ""),
     ],
