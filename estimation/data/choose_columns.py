@@ -238,8 +238,8 @@ def joint_shift(table: Table, columns: Mapping[str, str]) -> int:
                 for joint, joint_there in pairs
             )
             raise InputError(
-                f"{table.path}: joint numbers of position start at {first}, those of {quantity} at "
-                f"{1 - first}; give the columns of one joint the same number, such as {remedy}"
+                f"{table.path}: joint numbers start at {first} for position, but at {1 - first} for "
+                f"{quantity}; give the columns of one joint the same number, such as {remedy}"
             )
     all_joints = [*numbered.values(), *_numbered(columns).values()]
     return int(any(0 in joints for joints in all_joints))

@@ -272,8 +272,8 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
         unit = search.data.effort_unit
         reason = (
             f"{_explained_variance(evidence)}, and its whole error of {with_unit(last.rmse, unit)} may be "
-            f"noise, of which only an upper bound is known ({with_unit(noise.value, unit)}); record a motion "
-            "that takes more effort, in several runs"
+            f"noise, because only an upper bound of the noise is known ({with_unit(noise.value, unit)}); "
+            "record a motion that takes more effort, in several runs"
         )
         return insufficient_diagnosis(search.data, reason)
     noise, start = noise.below(last.rmse), search.start.rmse
@@ -488,7 +488,7 @@ def _reason(
         if evidence.leaves_only_noise:
             nothing = "only noise is left"
         elif evidence.noise.is_bound:
-            nothing = "the remaining error may be noise, of which only an upper bound is known"
+            nothing = "the remaining error may be noise, because only an upper bound of the noise is known"
         else:
             times = f", {rounded(last / noise, 2)} times the noise," if noise > 0.0 else ""
             nothing = f"the remaining error{times} depends on no recorded signal"

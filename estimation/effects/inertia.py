@@ -21,7 +21,7 @@ class Inertia(AdditiveEffect):
     gains = (Parameter("m", "{inertia}", 0.0, 1e12, (0.0001, 200.0)),)
     confused_with = {
         "armature": "not possible in one channel, because a rotor adds to the inertia of its joint",
-        "lag": "move at two frequencies: a spring with a lag looks like a damper, but an inertia does not",
+        "lag": "move at two frequencies: inertia grows with the square of the frequency, a lag linearly",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:

@@ -267,8 +267,8 @@ class RunRipple(RunVariation):
     name = "run_ripple"
     kind = Kind.RUN_DIFFERENCES
     physics = (
-        "Magnets and teeth cause ripple, whose phase changes because the encoder is zero where it was "
-        "switched on. "
+        "Magnets and teeth cause ripple. Its phase differs between runs, because the encoder's zero is the "
+        "position at power-on. "
     ) + _SHARE
     equation = "reading = effort + s_r sin(n q) + c_r cos(n q), with own s_r and c_r in each run"
     source = "J. Holtz, L. Springob, IEEE Trans. Industrial Electronics 43 (1996)"

@@ -152,7 +152,7 @@ def force(
             force_n, off_n = fit.plateaus.reference_n[fit.suspect], fit.residual_n[fit.suspect]
             number = np.flatnonzero(fit.is_used)[fit.suspect] + 1
             remarks.append(
-                f"plateau {number} ({force_n:.4g} N) is {off_n:+.2g} N off, but the others are not; was "
+                f"plateau {number} ({force_n:.4g} N) is {off_n:+.2g} N off, much more than the others; was "
                 "this the right weight?"
             )
         calibration = fits.make_calibration(

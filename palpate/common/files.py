@@ -246,7 +246,7 @@ def refuse_link(folder: Path) -> Path:
     if folder.is_symlink():
         raise InputError(
             f"folder {folder}: is a symbolic link to {os.path.realpath(folder)}; to write results through "
-            "the link, name it with --out or --folder; otherwise remove it"
+            "the link, name the link with --out or --folder; otherwise remove the link"
         )
     return folder
 

@@ -234,7 +234,7 @@ def _lines(parts: Sequence[str]) -> str:
 
 _PYTHON = '''"""Feedforward effort of joints, written by palpate export from {source}
 
-Give the desired motion, not the measured one, whose noise near zero speed makes friction chatter.
+Give the desired motion. Near zero speed, the noise of a measured motion makes friction chatter.
 """
 
 from math import cos, exp, fabs, sin, tanh
@@ -266,7 +266,7 @@ def feedforward(joint: int, position: float, velocity: float, acceleration: floa
 
 _C = """/* Feedforward effort of joints, written by palpate export from {source}
  *
- * Give the desired motion, not the measured one, whose noise near zero speed makes friction chatter.
+ * Give the desired motion. Near zero speed, the noise of a measured motion makes friction chatter.
  */
 #include <math.h>
 #include <stddef.h>

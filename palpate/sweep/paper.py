@@ -129,10 +129,10 @@ def force_section(ticks: Sequence[Row], grid: Sequence[Row]) -> ReportSection:
         "controller did. Our controller brakes as fast as the object's damping and its own limit of "
         "deceleration allow, so it leaves the set speed: the curve at 150 mm/s falls from its peak to the "
         "limit. At larger depth, the tip moves at the speed at which k·x + c·v stays at 10 N.",
-        f"Over the grid, c·v alone exceeds the limit in {len(beyond)} of {len(runs)} runs. Their peaks reach "
-        f"{most:.1f} N and exceed 10.5 N for at most {longest_ms:.0f} ms. In all other runs, the highest "
-        f"measured force is {elsewhere:.2f} N. The estimators use all samples in contact, including those "
-        "while the arm brakes, which have the largest change of speed and determine c best.",
+        f"Over the grid, c·v alone exceeds the limit in {len(beyond)} of {len(runs)} runs. Their peaks "
+        f"reach {most:.1f} N and exceed 10.5 N for at most {longest_ms:.0f} ms. In all other runs, the "
+        f"highest measured force is {elsewhere:.2f} N. The estimators use all samples in contact. The speed "
+        "changes most while the arm brakes, so these samples determine c best.",
     )
     heading = "Figure 4a: force over displacement at three speeds, k = 500 N/m, c = 100 N s/m"
     return ReportSection(heading, figures.force_displacement(ticks, rows), words, (table,))

@@ -63,7 +63,9 @@ def test_position_is_paired_with_the_effort_of_its_number(log, names, joints):
 )
 def test_joints_with_different_first_numbers_are_asked_about(log, names):
     path = log(*names)
-    with pytest.raises(InputError, match="position start at 0, those of torque at 1; give") as error:
+    with pytest.raises(
+        InputError, match="joint numbers start at 0 for position, but at 1 for torque; give"
+    ) as error:
         pairs(path)
     assert "--column torque_0=torque_1_Nm --column torque_1=torque_2_Nm" in str(error.value)
     remedy = {"torque_0": "torque_1_Nm", "torque_1": "torque_2_Nm"}

@@ -338,7 +338,7 @@ def test_error_that_may_all_be_noise_of_unknown_size_allows_no_verdict(runs, see
     few = [EFFECTS[name]() for name in ("coulomb_friction", "bias", "delay", "joint_spring")]
     (found,) = diagnose(replace(data, effort=effort), SWING, few, rng=np.random.default_rng(1)).channels
     assert found.verdict is Verdict.INSUFFICIENT
-    assert "only an upper bound is known" in found.reason
+    assert "only an upper bound of the noise is known" in found.reason
 
 
 @pytest.mark.parametrize(

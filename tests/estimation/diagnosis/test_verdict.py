@@ -196,7 +196,7 @@ def test_noise_bound_does_not_turn_a_smooth_residual_into_noise(swung):
     vars(evidence)["noise"] = MeasurementNoise(2.0 * evidence.end.rmse, NoiseSource.EACH_RUN, None, 0.0)
     diagnosis = decide_verdict(evidence)
     assert diagnosis.reason.endswith(
-        "the remaining error may be noise, of which only an upper bound is known"
+        "the remaining error may be noise, because only an upper bound of the noise is known"
     )
     assert {effect.form for effect in diagnosis.accepted} == {Form.APPROXIMATE}
 
