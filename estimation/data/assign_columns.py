@@ -426,18 +426,25 @@ def _note_other_columns(table: Table, chosen: Chosen, options: ImportOptions) ->
             )
 
 
+# Whether an element is held at both ends, by the word for its displacement in --column.
+_HELD = {"depth": False, "elongation": True}
+
+
 def _orient_signs(
     units: ColumnUnits, assigned: dict[Key, AssignedColumn]
 ) -> tuple[dict[Key, AssignedColumn], bool, list[str]]:
     """Make displacement and force positive in compression, with notes, and detect elements that can pull.
 
     A unit with a number, such as 1N, prevents a change of sign. A displacement named by --column belongs to a
-    contact.
+    contact; if it is named as a depth, to one with a surface, and if as an elongation, to one without.
     """
     if DISPLACEMENT not in assigned or FORCE not in assigned:
         return assigned, False, []
     depth, force = assigned[DISPLACEMENT], assigned[FORCE]
-    sides = press_sides(*(side.factor * units.table.numbers(side.column) for side in (depth, force)))
+    named = (name for name, column in units.options.columns.items() if column == depth.column)
+    held = _HELD.get(next(named, "").partition("_")[0].lower())
+    recorded, force_n = (side.factor * units.table.numbers(side.column) for side in (depth, force))
+    sides = press_sides(recorded, force_n, held=held)
     scaled = {key for key in (DISPLACEMENT, FORCE) if assigned[key].is_fixed}
     factors = {DISPLACEMENT: sides.displacement, FORCE: sides.force}
     flipped = {key: assigned[key].column for key in factors if factors[key] < 0.0 and key not in scaled}
@@ -475,28 +482,30 @@ def _orient_signs(
     contact = f"to read them as a contact, add --column displacement={quoted}"
     pulls = sides.elastic or is_named or POSITION in assigned
     if not pulls:
-        note = (
+        notes.append(
             f"{names}, but at different times, as with a damper, so they are read as a linear axis; {contact}"
         )
         result = {POSITION if key == DISPLACEMENT else key: source for key, source in result.items()}
     elif sides.never_free:
-        note = (
-            f"'{force.column}' varies at every displacement. The data therefore contain no free air, and are "
-            "read as an element held at both ends, without a surface"
-        )
-        recorded = depth.factor * units.table.numbers(depth.column) - result[DISPLACEMENT].zero
-        if abs(np.mean(recorded)) > _FAR_FROM_ZERO * np.ptp(recorded):
-            note += (
-                f"; the displacement varies by only {1e3 * np.ptp(recorded):.2g} mm around "
-                f"{1e3 * np.mean(recorded):.2g} mm, so the stiffness depends on where the displacement is "
-                "zero; subtract the displacement of the unloaded element"
+        if held is None:
+            notes.append(
+                f"'{force.column}' varies at every displacement. The data therefore contain no free air, and "
+                "are read as an element held at both ends, without a surface; if there is a surface, add "
+                f"--column depth={quoted}"
+            )
+        mean_m, range_m = float(np.mean(recorded)) - result[DISPLACEMENT].zero, np.ptp(recorded)
+        if abs(mean_m) > _FAR_FROM_ZERO * range_m:
+            notes.append(
+                f"the displacement varies by only {1e3 * range_m:.2g} mm around {1e3 * mean_m:.2g} mm, so "
+                "the stiffness depends on where the displacement is zero; subtract the displacement of the "
+                "unloaded element"
             )
     else:
-        note = (
+        notes.append(
             f"{names} at the same times, so they are read as an element without a surface, which pulls and "
             f"pushes; {contact}; to read them as a linear axis, add --column position={quoted}"
         )
-    return result, pulls, ["; ".join([*notes, note])]
+    return result, pulls, ["; ".join(notes)] if notes else []
 
 
 def _own_name(column: str) -> bool:

@@ -251,7 +251,7 @@ class PressSides:
     never_free: bool = False  # whether no displacement is free air, since the force is nowhere at rest
 
 
-def press_sides(displacement: FloatArray, force: FloatArray) -> PressSides:
+def press_sides(displacement: FloatArray, force: FloatArray, *, held: bool | None = None) -> PressSides:
     """Determine signs and zero of displacement and force of a press, spring or damper.
 
     Displacement, force, or both may be negative in compression. The force of an object that can only push has
@@ -260,8 +260,11 @@ def press_sides(displacement: FloatArray, force: FloatArray) -> PressSides:
     Args:
         displacement: displacement in order of time, shape (n,).
         force: force of each sample, shape (n,).
+        held: whether the element is held at both ends (True) or has a surface (False); None if unknown.
     """
     sides = _sides_of_object(displacement, force)
+    if held is False:
+        return sides
     is_two_sided = _is_two_sided(displacement, force)
     if not is_two_sided and _pulls_to_its_end(displacement, force):
         slope, offset = np.polyfit(displacement, force, 1)
@@ -276,6 +279,7 @@ def press_sides(displacement: FloatArray, force: FloatArray) -> PressSides:
     is_held = len(farthest) >= _MIN_SAMPLES and bool(np.std(farthest) > _MIN_CHANGING_FORCE * np.std(force))
     is_held = is_held and correlation_coefficient(farthest[1:], farthest[:-1]) > _MIN_AUTOCORRELATION
     is_held = is_held and not _rests_on_one_way(depth, force, is_farthest, float(np.std(force)))
+    is_held = is_held or bool(held)
     if is_two_sided or is_held:
         correlation = correlation_coefficient(displacement, force)
         if is_held and abs(np.mean(displacement)) > np.ptp(displacement):  # includes the element's length

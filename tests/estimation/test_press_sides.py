@@ -306,6 +306,19 @@ def test_relaxing_stretched_fiber_is_held_at_both_ends(sign):
 
 
 @pytest.mark.parametrize(
+    ("word", "is_engaged"), [("displacement", False), ("depth", False), ("elongation", True)]
+)
+def test_user_states_whether_an_element_is_held_at_both_ends(word, is_engaged):
+    x = 0.002 + 0.006 * np.sin(W * T)
+    table = {"time_s": T, "u_m": x, "force_N": 500.0 * np.maximum(x, 0.0) + NOISE, "run": RUN}
+    (channel,) = open_source(table, ImportOptions(columns={word: "u_m"})).channels
+    assert channel.engaged.all() == is_engaged
+    strip = {"time_s": HOLD_T, "u_m": GAP_M, "force_N": RELAXING}
+    (channel,) = open_source(strip, ImportOptions(columns={word: "u_m"})).channels
+    assert (channel.touching is None) == (word == "depth")
+
+
+@pytest.mark.parametrize(
     ("way", "sign", "length_m"), [(1.0, 1.0, 0.0), (1.0, -1.0, 0.0), (-1.0, 1.0, 0.0), (1.0, 1.0, 0.03)]
 )
 def test_relaxation_of_a_clamped_strip_that_pulls_back_is_named(way, sign, length_m, monkeypatch):
