@@ -196,8 +196,8 @@ def read_reference_file(
     unit = reading_unit or _READING_UNITS.get(reading.rpartition("_")[2].lower())
     if unit is None:
         raise InputError(
-            f"{table.path}: column '{reading}' does not end in the unit of the reading; "
-            "give it with --reading-unit"
+            f"{table.path}: column '{reading}' does not end in the unit of the reading; give the unit with "
+            "--reading-unit"
         )
     return plateaus, unit
 

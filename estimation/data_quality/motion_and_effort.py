@@ -382,7 +382,7 @@ def angle_in_degrees(data: ChannelData, model: Model | None) -> str | None:
         f"the joint turns {turns:.0f} times, but its effort does not repeat in each turn, although a "
         "weight's torque would; "
         + "if the angle is in degrees, use --unit position=deg; " * is_unclear
-        + "if it is the motor's angle, divide it by the gear ratio"
+        + "if the angle is the motor's, divide it by the gear ratio"
     )
 
 

@@ -234,7 +234,9 @@ def _check_channel(channel: ChannelData) -> None:
     repeated = np.setdiff1d(np.arange(len(channel)), np.unique(channel.run, return_index=True)[1])
     if len(scattered := np.intersect1d(changes, repeated)):
         run = channel.run[scattered[0]]
-        raise InputError(f"{place}: run {run} continues at sample {scattered[0]}, after another run")
+        raise InputError(
+            f"{place}: run {run} continues at sample {scattered[0]}, after another run; sort the samples"
+        )
     late = np.flatnonzero((np.diff(channel.time_s) <= 0.0) & (np.diff(channel.run) == 0))
     if len(late):
         before_s, after_s = channel.time_s[late[0] : late[0] + 2]

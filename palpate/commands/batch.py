@@ -156,7 +156,7 @@ def _print(result: "BatchResult", *, pool: bool) -> None:
     missing = [
         f"{each.channel}: {each.effect}"
         + f" (or {', '.join(each.confused_with)})" * bool(each.confused_with)
-        + f" is missing in the pooled data, {100 * each.share:.2g} % of the squared error"
+        + f" is missing in the pooled data and explains {100 * each.share:.2g} % of the squared error"
         for each in result.common_effects
     ]
     for words in missing or ["--pool: the pooled data show no missing effect"] * pool:

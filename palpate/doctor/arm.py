@@ -30,7 +30,9 @@ from palpate.sim_backend.scenario import load_scenario
 _HELP = "see docs/how-to/hardware.md, 'First power-up'"
 _WIRING = "see docs/how-to/hardware.md, 'Wiring'"
 NOT_POWERED = warn(
-    "drives", "not examined: the arm has no power", "run palpate doctor --move and confirm its question"
+    "drives",
+    "not examined: the arm has no power",
+    "run palpate doctor --move, and answer its question with yes",
 )
 
 _UNCHECKED = {  # by the calibration that checks it

@@ -22,7 +22,7 @@ def _isaaclab_text(arm: TargetArm) -> str:
     lines = [
         f'"""Actuators of Isaac Lab, written by palpate export from {as_comment(arm.source)}.',
         "",
-        "Friction is an effort [N m, N of a linear axis], as in Isaac Sim 5 and newer.",
+        "Friction is an effort [N m; N for a linear axis], as in Isaac Sim 5 and newer.",
         "stiffness and damping are gains of the drive and keep their values from the USD.",
         *map(as_comment, arm.notes),
         '"""',

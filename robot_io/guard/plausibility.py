@@ -223,8 +223,8 @@ _MOST_STEPS = 8.0  # larger jumps are impacts, and count as this much noise
 _MOVED_RAD = 0.002  # smallest motion of a joint since the sequence began; more than a coarse encoder's noise
 
 _SENSOR_REMEDY = (
-    "check the load cell's cable and amplifier, and switch it off and on again; if a constant reading is "
-    "normal, raise limits.stuck_force_s"
+    "check the load cell's cable and amplifier, and switch the amplifier off and on again; if a constant "
+    "reading is normal, raise limits.stuck_force_s"
 )
 
 

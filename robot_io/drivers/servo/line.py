@@ -367,7 +367,7 @@ def examine_line(
                 remedy = "correct the model or the id, or set the servo up"
                 findings.append(fail(label, str(error), remedy))
     if unknown_ids:
-        remedy = "take it off the line, or correct the ids"
+        remedy = "disconnect what is not in the robot file, or correct the ids there"
         findings.append(warn("other servos", f"{_describe_ids(unknown_ids)} also on the line", remedy))
     return findings
 
