@@ -332,7 +332,9 @@ def _drop_needless_effects(
             and explained <= measurement_noise(search.start).value
             and is_complete(reduced)
         )
-        is_needless = is_small or _is_rounding(search, fit, name) or _has_zero_size(reduced, fit, name)
+        # If the model needs the effect, a wide interval only shows that parameters are collinear.
+        may_be_zero = _has_zero_size(reduced, fit, name) and is_complete(reduced)
+        is_needless = is_small or _is_rounding(search, fit, name) or may_be_zero
         is_needless |= bool(explained <= encoder_step_error(reduced, measurement))
         is_needless = is_needless or is_smoothing(reduced, fit)
         is_needed = not is_needless and search.is_needed(reduced, fit)

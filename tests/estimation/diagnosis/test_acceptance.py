@@ -99,6 +99,16 @@ def test_effect_below_the_noise_is_kept_only_if_the_model_is_incomplete_without_
     assert (BIAS in search.added_effects(end)) is not without_it_complete
 
 
+@pytest.mark.parametrize("without_it_complete", [True, False])
+def test_effect_that_may_be_zero_is_dropped_only_if_the_model_is_complete_without_it(
+    without_it_complete, monkeypatch
+):
+    monkeypatch.setattr(module, "_has_zero_size", lambda *_: True)
+    search, fit = searched_law("a friction"), reached_in("a friction", RUB)
+    end = accept_effects(search, fit, measured(search), lambda reduced: without_it_complete)
+    assert (RUB in search.added_effects(end)) is not without_it_complete
+
+
 @pytest.mark.parametrize(
     ("law", "found", "kept"),
     [
