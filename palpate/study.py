@@ -379,8 +379,7 @@ class Study(ModelStudy):
         if not newest:
             raise InputError(
                 f"{self._file}: the folder has only revisions of other channels ({', '.join(latest)}); they "
-                "were made for another file, or with other options (--urdf). Choose another folder with "
-                "--folder"
+                "were made for another file, or with other options (--urdf). Name another folder"
             )
         return newest
 

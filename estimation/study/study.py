@@ -451,8 +451,8 @@ class ModelStudy(StudyFits):
             raise InputError(
                 f"revision {revision.number} is from other data (SHA-256 {revision.data_sha256[:12]}...). "
                 "Give the options that it was made with (--where, --unit, --urdf, --fresh-runs), make a "
-                "revision for these data (palpate diagnose --apply, palpate add --fresh), or choose another "
-                "folder with --folder"
+                "revision for these data (palpate diagnose --apply, palpate add --fresh), or name another "
+                "folder"
             )
         if why := self._difference_from_fit(channel, revision.effects, revision.rmse, revision.parameters):
             raise InputError(

@@ -219,7 +219,9 @@ def test_arm_too_high_for_its_stops_is_refused_with_a_remedy():
     """A floor above the elbow at its stop: lowest point of the arm in its highest posture."""
     upright = np.array([np.pi / 2, 0.0, 0.0])
     stops = BODY.position_limits_rad
-    with pytest.raises(InputError, match=r"joint 1: .* m closer to the ground .* higher, or .*--pose home"):
+    with pytest.raises(
+        InputError, match=r"joint 1: .* m closer to the ground .* raise the arm by as much, or .*--pose home"
+    ):
         plan_stops(BODY, upright, FOLLOWER.limits, stops, reach_rad=0.15)
     nowhere = (np.full(3, np.nan), np.full(3, np.nan))
     with pytest.raises(InputError, match=r"joint 1: its stops are not stated.*--pose home"):
