@@ -111,6 +111,11 @@ class ForceSensorError(AdditiveEffect):
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         return (data.context["contact_torque_per_newton"] * data.context["force_beyond_reading"])[:, None]
 
+    def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
+        """See `Effect.is_misnamed`: the joint's error differs from the force that the other joints carry."""
+        (share,) = self.gains
+        return not share.lower < parameters[f"{self.name}.{share.name}"] < share.upper
+
 
 class Deadband(SensorEffect):
     name = "deadband"

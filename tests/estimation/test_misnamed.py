@@ -68,6 +68,8 @@ def test_layer_presses_back_above_and_below_its_kink(k, k2, error, more, layer):
                 (0.34, -0.2, 0.2, 0.006): False,
             },
         ),
+        # The error of one joint is not that of a force that the other joints carry.
+        ("force_sensor_error", JOINT, ("share",), {(1.0,): True, (0.6,): True, (0.5,): False, (1.5,): False}),
         # Friction that drives the motion at some positions is none.
         (
             *("position_dependent_friction", JOINT, ("level", "sine", "cosine", "cycles", "transition")),
