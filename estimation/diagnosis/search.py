@@ -6,6 +6,7 @@ there are many. The resulting model is then fitted to all data.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 
@@ -73,6 +74,8 @@ class Search:
     _screened: dict[_Key, list[Candidate]] = field(default_factory=dict)
     _alternatives: dict[tuple[_Key, str], list[Candidate]] = field(default_factory=dict)
     _significant: dict[tuple[FitResult, FitResult], bool] = field(default_factory=dict)
+    # Model in which a forward selection ended, by each model that it passed.
+    selected: dict[FitResult, FitResult] = field(default_factory=dict)
     # Models with one more effect of the library, as `fit_extended` fits them, by the model and the effect.
     extended: dict[tuple[FitResult, str], FitResult] = field(default_factory=dict)
 
@@ -519,6 +522,7 @@ def select_effects(
     """
     coarse = whole.coarse or whole
 
+    @cache
     def refine(rough: FitResult) -> FitResult:
         """Fit a model of the coarse copy to all data, and continue there unless much error is left."""
         refined = whole.refined(whole.fitted(rough.solution.model, rough.solution.parameters))
@@ -561,7 +565,9 @@ def _best_pair(coarse: Search) -> FitResult | None:
 
 def _forward_selection(search: Search, fit: FitResult) -> FitResult:
     """Add the best effect as long as one is needed, with a backward step after each addition."""
-    while len(search.added_effects(fit)) < MOST_EFFECTS:
+    passed = list[FitResult]()
+    while fit not in search.selected and len(search.added_effects(fit)) < MOST_EFFECTS:
+        passed.append(fit)
         needed = (extension for extension in search.extensions(fit) if search.is_needed(fit, extension))
         extension = next(needed, None)
         if extension is None:
@@ -570,7 +576,9 @@ def _forward_selection(search: Search, fit: FitResult) -> FitResult:
         if reduced.solution.held_out >= fit.solution.held_out:
             break
         fit = reduced
-    return fit
+    end = search.selected.get(fit, fit)
+    search.selected.update(dict.fromkeys(passed, end))
+    return end
 
 
 def backward_step(search: Search, fit: FitResult) -> FitResult:

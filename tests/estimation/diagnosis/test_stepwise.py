@@ -15,6 +15,10 @@ class Letters(frozenset):
         return SimpleNamespace(kind=name)
 
 
+class FittedModel(SimpleNamespace):
+    __hash__ = object.__hash__
+
+
 class SearchedModels:
     """Models are sets of letters; `left` says what each leaves, 100 or more where it does not."""
 
@@ -25,7 +29,7 @@ class SearchedModels:
         self._unsound = {frozenset(names) for names in unsound}
         self._exchanges = [(frozenset(one), frozenset(two)) for one, two in exchanges]
         self._smooth, self._floor, self._glances = smooth, floor, glances
-        self._known, self.fits = {}, []
+        self._known, self.fits, self.selected = {}, [], {}
 
     def at(self, names):
         names = Letters(names)
@@ -34,7 +38,7 @@ class SearchedModels:
             left = self._left.get(names, 100.0)
             more = {"floor": lambda: self._floor, "explainable_share": lambda: self._smooth}
             solution = SimpleNamespace(held_out=left, model=names, parameters={})
-            self._known[names] = SimpleNamespace(names=names, solution=solution, rmse=left, **more)
+            self._known[names] = FittedModel(names=names, solution=solution, rmse=left, **more)
         return self._known[names]
 
     def __getattr__(self, name):
@@ -118,6 +122,14 @@ def test_needed_effects_are_added_and_needless_ones_dropped(left, found):
     assert len("abcd") == MOST_EFFECTS
     world = SearchedModels(left)
     assert came_to(module._forward_selection(world, world.start)) == found
+
+
+def test_forward_selection_ends_where_an_earlier_one_did(monkeypatch):
+    world = SearchedModels({"": 100, "a": 50, "b": 60, "ab": 20, "abc": 19.5})
+    end = module._forward_selection(world, world.start)
+    monkeypatch.setattr(world, "extensions", None)  # nothing is tried again
+    for names in ("", "a", "ab"):
+        assert module._forward_selection(world, world.at(names)) is end
 
 
 def test_forward_selection_ends_when_backward_steps_undo_it():
