@@ -94,7 +94,7 @@ _REPEAT_RUNS = (
     "repeat the motion at least three times, slowly and fast, each as a run of its own; in a data file, "
     "number the runs in a column `run`"
 )
-_FINER_SENSOR = "use a finer sensor, or a motion that takes more effort: harder, faster, or wider"
+_FINER_SENSOR = "use a finer sensor, or a motion with larger efforts: harder, faster, or wider"
 NO_VARIED_MOTION = "no change of the recorded motion is expected to separate the explanations"
 NO_PROBE = "no experiment of this arm is expected to separate the explanations"
 _UNLOADED = "begin and end each run without load"

@@ -174,7 +174,7 @@ def _find_effects(
 
         @cache
         def forms() -> FitResult:
-            search.progress(f"{search.data.name}: comparing forms within kinds", 0.0)
+            search.progress(f"{search.data.name}: comparing effects of the same kind", 0.0)
             return named_forms(coarse_kinds())
 
         fit = select_effects(search, checks.is_complete, sufficient, forms)
@@ -286,5 +286,5 @@ def _too_few_levels(start: FitResult) -> str | None:
     return (
         f"the effort has only {len(levels)} {FEW_READINGS}, {with_unit(step, unit)} apart. The model error "
         f"of {with_unit(start.rmse, unit)} is less than one such step, so the residual may be rounding; use "
-        "a finer sensor, or a motion that takes more effort"
+        "a finer sensor, or a motion with larger efforts"
     )

@@ -273,7 +273,7 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
         reason = (
             f"{_explained_variance(evidence)}, and its whole error of {with_unit(last.rmse, unit)} may be "
             f"noise, because only an upper bound of the noise is known ({with_unit(noise.value, unit)}); "
-            "record a motion that takes more effort, in several runs"
+            "record several runs with larger efforts"
         )
         return insufficient_diagnosis(search.data, reason)
     noise, start = noise.below(last.rmse), search.start.rmse

@@ -61,7 +61,7 @@ class RigidBodyFitted(AdditiveEffect):
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     needs = ("rigid_body_regressor",)
     confused_with = {
-        "payload": "not possible in one recording, because a payload belongs to the last link's parameters"
+        "payload": "one recording cannot separate them, because a payload adds to the last link's parameters"
     }
 
     def __init__(

@@ -20,7 +20,7 @@ class Inertia(AdditiveEffect):
     one_sided = False
     gains = (Parameter("m", "{inertia}", 0.0, 1e12, (0.0001, 200.0)),)
     confused_with = {
-        "armature": "not possible in one channel, because a rotor adds to the inertia of its joint",
+        "armature": "one channel cannot separate them, because it shows only the sum of both",
         "lag": "move at two frequencies: inertia grows with the square of the frequency, a lag linearly",
     }
 
@@ -41,7 +41,7 @@ class Armature(AdditiveEffect):
     confused_with = {
         "lag": "move at two frequencies",
         "payload": "hold still in several postures: rotor inertia has no effect at rest",
-        "inertia": "not possible in one channel, because a rotor adds to the inertia of its joint",
+        "inertia": "one channel cannot separate them, because it shows only the sum of both",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:

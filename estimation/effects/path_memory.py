@@ -224,7 +224,7 @@ class Backlash(MotionEffect):
     )
     confused_with = {
         "presliding_friction": "reverse slowly: friction changes sign, but in a gap the effort vanishes",
-        "loaded_backlash": "reverse with the load to one side: the link then stays on one side of the gap",
+        "loaded_backlash": "reverse while the load pulls one way: only plain backlash crosses the gap",
         "hysteresis": (
             "reverse slowly at several loads: a gap spans a fixed distance, but a hysteresis a fixed effort"
         ),
@@ -277,7 +277,7 @@ class LoadedBacklash(MotionEffect):
     )
     needs = ("load",)
     confused_with = {
-        "backlash": "reverse with the load to one side: the link then stays on one side of the gap",
+        "backlash": "reverse while the load pulls one way: only plain backlash crosses the gap",
         "joint_elasticity": (
             "increase the load: a spring yields in proportion to it, but a gap by a fixed amount"
         ),

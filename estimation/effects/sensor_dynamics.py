@@ -35,7 +35,7 @@ class Delay(SensorEffect):
     )
     equation = "reading(t) = effort(t - T)"
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 3: dead time"
-    signature = "readings keep their shape and lag behind the motion, or lead it if they are commands"
+    signature = "readings lag behind the motion with unchanged shape; commands lead it"
     signals = ("past effort",)
     inner = (Parameter("time", "s", -0.5, 2.0, (0.001, 0.1)),)
     confused_with = {

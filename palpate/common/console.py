@@ -210,7 +210,7 @@ def export_steps(kept: str, kinds: Iterable[ChannelKind]) -> list[tuple[str, str
     if joints:
         into = "the joints in a copy of your MJCF; also urdf, isaaclab, bam"
         steps.append((f"{export} --format mjcf --patch MODEL.xml", into))
-        steps.append((f"{export} --format feedforward", "the joints' torques as a table, in Python and C"))
+        steps.append((f"{export} --format feedforward", "joint torques as a table and in Python and C"))
     return steps
 
 

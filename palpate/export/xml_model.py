@@ -312,7 +312,7 @@ class _Mjcf:
         own |= {"armature": f"{_SMALL_ARMATURE}", "damping": "0", "frictionloss": "0", "stiffness": "0"}
         own |= {key: value for key in ("type", "axis", "pos") if (value := self.value(element, key, ""))}
         parent.insert(list(parent).index(element) + 1, Element("joint", own))
-        self.used.append(f"{joint.channel}: new joint '{name}' adds an element to positions and velocities")
+        self.used.append(f"{joint.channel}: new joint '{name}' adds one entry to qpos and qvel")
         if not any(self._numbers(element, "armature", self.value(element, "armature", "0"))):
             unknown = "the inertia of the rotor is unknown"
             self._omit(joint, f"{unknown}, and without an armature the contact at the gap's ends is soft")

@@ -171,7 +171,7 @@ def grid_section(rows: Sequence[Row], clean: Sequence[Row]) -> ReportSection:
         "which would bias k. The paper's least squares is worst where c is large. A delayed velocity would "
         "have this effect, but the paper does not state how it computes the velocity. Methods that need a "
         "known surface receive the one that least squares estimates.",
-        f"For c = 0 there is no relative error; the estimate of {best} is then at most "
+        f"For c = 0 there is no relative error; {best} then estimates a c of at most "
         f"{np.abs(zero).max(initial=0.0):.3f} N s/m.",
     )
     tables = (
@@ -214,10 +214,10 @@ def noise_section(rows: Sequence[Row]) -> ReportSection:
     words = (
         "In the paper, RANSAC is best under noise. With the paper's threshold of 0.01 N, ours is not. At "
         f"10 % noise, it keeps {kept:.0f} % of the samples, which lie within 0.01 N by chance. Its errors "
-        f"are {ransac[4]:.0f} and {ransac[5]:.0f} times the bound, those of least squares {lsq[4]:.1f} and "
-        f"{lsq[5]:.1f} times. Gaussian noise has no outliers to exclude, and a threshold below the noise "
-        "discards information (see the map of RANSAC's settings below). Methods with weights that follow the "
-        "noise come close to the bound.",
+        f"in k and c are {ransac[4]:.0f} and {ransac[5]:.0f} times the bound; for least squares, "
+        f"{lsq[4]:.1f} and {lsq[5]:.1f}. Gaussian noise has no outliers to exclude, and a threshold below "
+        "the noise discards information (see the map of RANSAC's settings below). Methods with weights that "
+        "follow the noise come close to the bound.",
         f"SPRLS with β = 20, γ = 1 has {wild[2] / calm[2]:.1f} times the error in k and "
         f"{wild[3] / calm[3]:.1f} times the error in c of the same method with β = γ = 0. The latter is "
         f"recursive least squares and agrees with least squares ({calm[2]:.2f} and {lsq[2]:.2f} % in k), as "

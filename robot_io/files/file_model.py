@@ -202,7 +202,7 @@ def _expect_number(value: object) -> object:
 
 
 Number = Annotated[float, BeforeValidator(_expect_number), Field(allow_inf_nan=False)]
-"""A finite number that was written as a number: `true` is not 1."""
+"""A finite number; `true` and text such as `"1"` are rejected."""
 Positive = Annotated[Number, Field(gt=0)]
 NotNegative = Annotated[Number, Field(ge=0)]
 

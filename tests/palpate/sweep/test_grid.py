@@ -189,7 +189,7 @@ def test_estimates_and_worst_errors_are_drawn_beside_the_paper_s():
     assert section.tables[0].rows[-1] == best
     assert [len(table.rows) for table in section.tables] == [3, 3, 1]
     assert section.words[0].startswith("There are 12 probing runs.")
-    assert section.words[-1].endswith("the estimate of lsq is then at most 0.250 N s/m.")
+    assert section.words[-1].endswith("; lsq then estimates a c of at most 0.250 N s/m.")
     axes_of, papers = section.drawing.axes, ((6.5, 20.6), (18.4, 29.5))
     values = {
         paper.K: ("law stiffness_n_m", [400.0, 200.0]),
@@ -288,7 +288,7 @@ def test_noise_section_compares_mean_errors_with_their_bounds():
     assert ransac == ("ransac", *map(pytest.approx, (8.0, 16.0, 8.0, 8.0)))  # % and multiples of the bound
     assert whole.rows[0] == ("lsq", 5.0, *map(pytest.approx, (0.5, 1.0, 0.5, 0.5, 0.797885, 1.595769)))
     words = " ".join(section.words)
-    for part in ("keeps 25 %", "are 8 and 8 times", "squares 1.0 and 1.0 times", "4.0 times the error in k"):
+    for part in ("keeps 25 %", "c are 8 and 8 times", "squares, 1.0 and 1.0.", "4.0 times the error in k"):
         assert part in words
     for axes, errors, least in zip(
         section.drawing.axes, ((0.5, 1.0), (1.0, 2.0)), (0.797885, 1.595769), strict=True
