@@ -148,4 +148,4 @@ def test_model_below_a_bounded_noise_is_tested(monkeypatch):
         monkeypatch.setattr(Completeness, test, lambda self, fit: False)
     told = ModelStudy(replace(data, effort=data.effort + 0.1 * slow), "pendulum").compare().channels[0]
     assert not told.is_complete
-    assert told.words[0].endswith("but a test shows that part of it is not noise.")
+    assert told.words[0].endswith("but a test shows that part of this error is not noise.")
