@@ -31,9 +31,9 @@ test-all: $(READY)
 test-page: $(READY)
 	@{ $(call INSTALL,-e '.[bench]'); } && $(BIN)/pytest -m '' tests/palpate/workbench/test_page.py
 
-# What another Python or machine could break: engines, drivers on emulated wires, and fits.
+# What another Python or machine could break: engines and drivers on emulated wires; `make demo` fits and diagnoses.
 quick: $(READY)
-	@$(BIN)/pytest tests/contract tests/sim_backend --ignore-glob='*/test_imperfections*.py' tests/estimation/fit tests/test_import_directions.py
+	@$(BIN)/pytest tests/contract tests/sim_backend --ignore-glob='*/test_imperfections*.py' tests/test_import_directions.py
 
 lint: $(READY)
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
