@@ -64,9 +64,7 @@ _SEPARATING = {
     ),
     (Kind.ELASTIC_SHAPE, Kind.SENSOR_STATICS): "apply known loads: a sensor's error also appears there",
     (Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY): "move to one position at two speeds, and hold there",
-    (Kind.ELASTIC_SHAPE, Kind.CONTACT_GEOMETRY): (
-        "press again on the same spot, and move slowly through the first touch"
-    ),
+    (Kind.ELASTIC_SHAPE, Kind.CONTACT_GEOMETRY): "press again on the same spot, with a slow first touch",
     (Kind.ELASTIC_SHAPE, Kind.PERIODIC): "move over a wider range: a ripple repeats, but a spring does not",
     (Kind.FRICTION, Kind.TIME_MEMORY): (
         "stop halfway and hold: relaxation continues at rest, but friction does not change"
@@ -82,9 +80,7 @@ _SEPARATING = {
     (Kind.CONTACT_GEOMETRY, Kind.TIME_MEMORY): (
         "press again after a long rest: a permanent set remains, but relaxation recovers"
     ),
-    (Kind.GRAVITY_LOAD, Kind.ELASTIC_SHAPE): (
-        "move over a wider range: gravity repeats in each turn, but a spring does not"
-    ),
+    (Kind.GRAVITY_LOAD, Kind.ELASTIC_SHAPE): "move over a wider range: only gravity repeats in each turn",
     (Kind.GRAVITY_LOAD, Kind.SENSOR_STATICS): (
         "hold the joint at two angles half a turn apart: the torque of a weight changes sign, but a bias "
         "does not"
@@ -105,7 +101,5 @@ def separating_experiment(first: Kind, second: Kind) -> str:
         first: kind of one effect.
         second: kind of the effect that may be confused with it.
     """
-    general = (
-        "repeat the motion with other speeds, ranges and holds, so that the two kinds act at different times"
-    )
+    general = "repeat the motion with other speeds, ranges and holds"
     return _SEPARATING.get((first, second)) or _SEPARATING.get((second, first), general)

@@ -149,9 +149,7 @@ def _check_dimensions(columns: ColumnAssignment) -> None:
         force = numbered(("force", joint))
         as_force = f"add --column {force}={shlex.quote(effort.column)} --unit {force}"
         if effort.dimension == "current":
-            correction = (
-                f"if '{effort.column}' is the current of a linear motor with 20 N/A, {as_force}=20N/A"
-            )
+            correction = f"if '{effort.column}' is the current of a linear motor of 20 N/A, {as_force}=20N/A"
         elif not turns:
             names = (name for name in columns.unused if quantity_in(name) == "position")
             rate = "/s" if quantity == "velocity" else ""

@@ -206,9 +206,7 @@ def _joint_states(path: Path) -> list[_MessageGroup]:
             groups.append(group)
         group.messages.append(message)
         if len(groups) > _MAX_LAYOUTS:
-            raise InputError(
-                f"{path}: its messages use more than {_MAX_LAYOUTS} different sets of joint names, the limit"
-            )
+            raise InputError(f"{path}: its messages use over {_MAX_LAYOUTS} different sets of joint names")
     return groups
 
 

@@ -564,7 +564,10 @@ def _best_pair(coarse: Search) -> FitResult | None:
 
 
 def _forward_selection(search: Search, fit: FitResult) -> FitResult:
-    """Add the best effect as long as one is needed, with a backward step after each addition."""
+    """Add the best effect as long as one is needed, with a backward step after each addition.
+
+    A selection that reaches a model of an earlier selection ends where that one ended.
+    """
     passed = list[FitResult]()
     while fit not in search.selected and len(search.added_effects(fit)) < MOST_EFFECTS:
         passed.append(fit)

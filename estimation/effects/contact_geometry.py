@@ -40,9 +40,7 @@ class Adhesion(AdditiveEffect):
     physics = "After the touch, the object attracts the tool until the tool has left the surface."
     equation = "F = -f s, s = 1 for x > 0, exp(x/reach) for x < 0 after contact, 0 before"
     source = "B. V. Derjaguin, V. M. Muller, Yu. P. Toporov, J. Colloid Interface Sci. 53 (1975)"
-    signature = (
-        "when the tool leaves the object, the force falls below the force in free air before it returns"
-    )
+    signature = "when the tool leaves the object, the force falls below that in free air before it returns"
     signals = ("position", "past motion")
     channels = frozenset({ChannelKind.CONTACT})
     one_sided = False

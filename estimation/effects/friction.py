@@ -100,9 +100,7 @@ class LoadDependentFriction(CoulombFriction):
     confused_with = {
         "load_dependent_presliding": "stop under load: presliding friction keeps its last value at rest",
         "coulomb_friction": "repeat with another load",
-        "torque_gain": (
-            "lift and lower the same load: friction changes sign with the motion, but a gain's error does not"
-        ),
+        "torque_gain": "lift and lower the same load: only friction changes sign with the motion",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:

@@ -83,9 +83,7 @@ class LoadDependentPresliding(PreslidingFriction):
     confused_with = {
         "load_dependent_friction": "stop under load: presliding friction keeps its last value at rest",
         "presliding_friction": "repeat with another load",
-        "torque_gain": (
-            "lift and lower the same load: friction changes sign with the motion, but a gain's error does not"
-        ),
+        "torque_gain": "lift and lower the same load: only friction changes sign with the motion",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -110,9 +108,7 @@ class DryFriction(AdditiveEffect):
     physics = "Tool and object, or the layers of the object, rub with a force that does not depend on speed."
     equation = "F = f s, ds/dx = (tanh(v/transition) - s) sign(v)/presliding while pressed, s = 0 at touch"
     source = "P. R. Dahl, Aerospace Corp. TOR-158 (1968); Andersson et al., Tribology Int. 40 (2007)"
-    signature = (
-        "at the same depth, force is higher by a constant on the way in than on the way out, at any speed"
-    )
+    signature = "at one depth, force is higher by a constant on the way in than on the way out, at any speed"
     signals = ("direction", "past motion")
     channels = frozenset({ChannelKind.CONTACT})
     gains = (Parameter("force", "{effort}", 0.0, 1e12, (0.05, 5.0)),)
@@ -225,9 +221,7 @@ class Backlash(MotionEffect):
     confused_with = {
         "presliding_friction": "reverse slowly: friction changes sign, but in a gap the effort vanishes",
         "loaded_backlash": "reverse while the load pulls one way: only plain backlash crosses the gap",
-        "hysteresis": (
-            "reverse slowly at several loads: a gap spans a fixed distance, but a hysteresis a fixed effort"
-        ),
+        "hysteresis": "reverse slowly at several loads: only a gap spans a fixed distance",
         "coulomb_friction": "reverse slowly",
         "joint_elasticity": (
             "push against a stop: a spring yields in proportion to the push, but a gap by a fixed amount"

@@ -63,9 +63,7 @@ class TorqueGain(SensorEffect):
     physics = "The torque constant or the gear ratio in use differs from the true one."
     equation = "reading = gain effort"
     source = "M. Gautier, S. Briot, J. Dyn. Sys. Meas. Control 136 (2014): identification of drive gains"
-    signature = (
-        "all of the effort is scaled by one factor; only a model with a known mass can show this factor"
-    )
+    signature = "the effort is scaled by one factor; only a model with a known mass can show this factor"
     signals = ("effort",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     inner = (Parameter("gain", "1", 0.2, 5.0, (0.6, 1.6), log=True),)
@@ -270,9 +268,7 @@ class Hysteresis(SensorEffect):
     start_multiples = {"width": ("largest_effort", np.geomspace(0.01, 0.3, 7))}
     confused_with = {
         "bouc_wen_hysteresis": "reverse slowly at several loads: a sensor's loops all have the same width",
-        "backlash": (
-            "reverse slowly at several loads: a gap spans a fixed distance, but a hysteresis a fixed effort"
-        ),
+        "backlash": "reverse slowly at several loads: only a gap spans a fixed distance",
         "dry_friction": "reverse slowly at several depths",
         "coulomb_friction": "reverse slowly at several loads",
         "damping": "probe at two speeds",

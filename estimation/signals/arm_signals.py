@@ -75,9 +75,7 @@ def with_rigid_body(
     """
     missing = [name for name in ARM_MOTION if name not in data.context]
     if missing:
-        raise InputError(
-            f"channel '{data.name}': the rigid-body model needs {', '.join(missing)} of all joints"
-        )
+        raise InputError(f"channel '{data.name}': a rigid body needs {', '.join(missing)} of all joints")
     q, v, a = (data.context[name].reshape(len(data), -1) for name in ARM_MOTION)
     if q.shape[1] != body.joint_count:
         raise InputError(

@@ -188,9 +188,7 @@ def _flaws(revision: Revision, number: int) -> Iterator[str]:
     effects = revision.effects
     last = "" if revision.removed else "".join(effects[-1:])
     if len(set(effects)) < len(effects) or revision.added != last or revision.removed in effects:
-        yield (
-            f"its effects are {', '.join(effects) or 'none'}, but it states that it added '{revision.added}'"
-        )
+        yield f"its effects are {', '.join(effects) or 'none'}, but it says it added '{revision.added}'"
     unknown = [name for name in effects if name not in EFFECTS]
     if len(unknown) > len(revision.user_effects):
         yield EFFECTS.unknown(unknown[-1])

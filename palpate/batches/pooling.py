@@ -181,9 +181,7 @@ def shared_parameters(
     for effect in effects:
         if not any(name.partition(".")[0] == effect for name, _, _ in estimates):
             names = ", ".join(dict.fromkeys(column.name.partition(".")[0] for column in columns)) or "none"
-            raise InputError(
-                f"--share {effect}: every group has fewer than two estimates of it. Available: {names}"
-            )
+            raise InputError(f"--share {effect}: each group has fewer than two estimates. Available: {names}")
     made = []
     for key, entries in estimates.items():
         values, weights = np.array([entry[1:] for entry in entries]).T

@@ -36,9 +36,7 @@ _MODEL = (
     "Base model, or 'suggest' to choose the model that fits a few measurements best; default: the usual "
     "model of each channel."
 )
-_POOL = (
-    "Combine the evidence of all measurements, to detect effects that are too small to show in a single one."
-)
+_POOL = "Combine the evidence of all measurements, to detect effects that are too small for a single one."
 _METADATA = (
     "CSV file with further fields. A row belongs to the file that its column 'file' names, or to the files "
     "with the same values in shared fields."

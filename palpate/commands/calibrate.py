@@ -68,9 +68,7 @@ The arm moves under its guard. Ctrl-C brings it to rest, and no calibration is w
 )
 
 
-_COLUMN = (
-    "Column of the reading, of the reference, or of settled (0 marks rows to ignore), such as reading=raw."
-)
+_COLUMN = "Column of the reading, the reference, or settled (0 marks rows to ignore), such as reading=raw."
 _WEIGHTS_KG = "Masses to place on the sensor, in this order, such as 0,1,2,4,2,1,0."
 _REFERENCE_PERCENT = "Standard uncertainty that is common to all references."
 _READING_UNIT = "Unit of the readings, if the column's name does not end with it."

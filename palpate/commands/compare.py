@@ -61,9 +61,7 @@ def _names(first: Study, second: Study, grown: tuple[Extended, Extended]) -> tup
 
 _OTHER = "Second measurement, such as a simulated twin, a repetition after a change, or another specimen."
 _OTHER_MODEL = "Base model of OTHER; without OTHER, a second model of FILE."
-_REVISION = (
-    "Number of the revision to compare instead of the base model; palpate revisions lists the numbers."
-)
+_REVISION = "Number of the revision to compare instead of the base model; palpate revisions lists them."
 _OTHER_REVISION = "Revision of OTHER; default: the same model is fitted to both."
 _OUT = "Write comparison.json and an HTML report to this folder."
 

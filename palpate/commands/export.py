@@ -76,9 +76,7 @@ _FORM = (
 _PATCH = (
     "MJCF, URDF (default: --urdf) or BAM parameter file to copy and complete; the original is not changed."
 )
-_SERVO_GAIN = (
-    "Position gain of the servos (torque / (goal - position)), for data with goal and position but no torque."
-)
+_SERVO_GAIN = "Position gain of the servos (torque / (goal - position)), for data with a goal but no torque."
 _STREAM = "Write this stream or channel as a table instead, such as tick, events or contact."
 _LAYOUT = "Write a layout file for viewing the session in Foxglove or PlotJuggler."
 _OUT = "File to write: scenario or feedforward (.yaml), simulator file, or table (.csv, .parquet)."

@@ -227,9 +227,7 @@ def _remarks_on_fits(estimates: ChannelEstimates) -> Iterator[str]:
         left_out = 1.0 - float(np.mean(estimate.inliers))
         if estimate.estimator == PREFERRED[0] and left_out > 1.0 - MIN_INLIER_SHARE:
             share = f"{_TO_PERCENT * left_out:.0f} % of the samples"
-            yield (
-                f"{estimate.estimator} excludes {share} as outliers, so the model does not describe all data"
-            )
+            yield f"{estimate.estimator} excludes {share} as outliers, so the model does not fit all data"
         doubtful = estimate.identifiability is not Identifiability.GOOD or estimate.unphysical
         # Otherwise the table states it for each estimator.
         if doubtful and (roomy or estimate is estimates.best):

@@ -45,9 +45,7 @@ _ENDS = {
         "the simplest explanation is kept, because the others contain it and no further experiment is "
         "expected to separate them"
     ),
-    StopReason.UNSEEN: (
-        "an effect seen in an earlier probe is not significant in the data of all probes together"
-    ),
+    StopReason.UNSEEN: "an effect seen in an earlier probe is not significant in the data of all probes",
     StopReason.UNEXPLAINED: (
         "no effect of the library explains the remaining error, and no experiment of this arm is expected to "
         "help"

@@ -99,9 +99,7 @@ class Problem(NamedTuple):
 _EXAMINE = "check the device's cable and supply; palpate doctor examines the device"
 _LATE = "check cable and supply; palpate doctor shows what rates the buses can carry"
 _END_OF_RANGE = "palpate doctor shows the ranges; check that the robot file describes this device"
-_LAGS = (
-    "is the joint blocked, too heavily loaded, or weaker than the robot file says? Run palpate doctor --move"
-)
+_LAGS = "is the joint blocked, loaded too much, or weaker than in the robot file? Run palpate doctor --move"
 _OUTSIDE = (
     "move the joint back by hand; if it may go there, widen limits.position_min_rad and position_max_rad"
 )

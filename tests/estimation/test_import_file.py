@@ -371,7 +371,7 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
         (
             {"displacement_m": None, "force_N": None, "Position[mm]": X, "MotorCurrent[A]": F},
             {},
-            "linear motor with 20 N/A, add --column force='MotorCurrent[A]' --unit force=20N/A",
+            "linear motor of 20 N/A, add --column force='MotorCurrent[A]' --unit force=20N/A",
         ),
         (
             {"displacement_m": None, "force_N": None, "q1": X, "q2": -X, "I1": F, "I2": -F},

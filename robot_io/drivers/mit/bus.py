@@ -61,9 +61,7 @@ class MitBus(PolledMotorBus[MitState]):
         self._register_asked: tuple[int, MotorRegister] | None = None  # joint and register
         self._register_values: list[float] = []
         if self._dialect.may_report:
-            reports = (
-                "does the motor send reports without a request? To stop them, switch active reporting off"
-            )
+            reports = "does the motor send reports without a request? To stop them, turn active reporting off"
             self._two_motors = f"do two motors have this id, or {reports}"
         if validated.ask_with == "exit" and not self._dialect.activation_registers:
             self._silence_remedy = "a motor that answers only in motor mode needs 'ask_with: enter'"
