@@ -170,6 +170,74 @@ def _is_known(data: ChannelData) -> bool:
     return set(_OF_TILT) <= set(data.context)
 
 
+_ZERO_SHARE = 1e-6  # change of the largest torque per radian below which a joint's zero changes nothing
+
+
+class EncoderZero(AdditiveEffect):
+    """effort = f(q - b) - f(q) to second order in b, with the torque f of rigid bodies and contact force.
+
+    Args:
+        joints: joints of the arm, from 0, whose positions affect the effort.
+    """
+
+    name = "encoder_zero"
+    kind = Kind.GRAVITY_LOAD
+    physics = "The encoders of the arm's joints read a constant angle where the joints are at zero."
+    equation = (
+        "effort = -df/dq b + b^T d2f/dq2 b / 2, f torque of rigid bodies and contact force, q positions"
+    )
+    source = "B. W. Mooring, Z. S. Roth, M. R. Driels, Fundamentals of Manipulator Calibration (1991)"
+    signature = "the errors of all joints match the weight of an arm in a slightly different posture"
+    signals = ("position", "other joints")
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    needs = ("effort_by_positions", "effort_twice_by_positions", "rigid_body_torque")
+    confused_with = {
+        "gravity_tilt": "calibrate the zeros (palpate calibrate encoder): a tilt of the base remains",
+        "payload": "calibrate the zeros (palpate calibrate encoder): a payload remains",
+        "torque_gain": "calibrate the zeros (palpate calibrate encoder): a wrong gain remains",
+    }
+
+    def __init__(self, joints: tuple[int, ...] = (0,)) -> None:
+        self.joints = joints
+        self.inner = tuple(  # type: ignore[misc]  # how many there are depends on the arm
+            Parameter(f"joint_{joint + 1}", "rad", -0.5, 0.5, (-0.2, 0.2)) for joint in joints
+        )
+
+    def applies_to(self, data: ChannelData) -> bool:
+        """See `Effect.applies_to`: the position of at least one joint changes the effort."""
+        return super().applies_to(data) and bool(np.any(data.context["effort_by_positions"]))
+
+    def suited_to(self, data: ChannelData) -> "EncoderZero":
+        if not self.applies_to(data):
+            return self
+        size = np.abs(data.context["effort_by_positions"]).max(axis=0)
+        return EncoderZero(tuple(np.flatnonzero(size > _ZERO_SHARE * size.max()).tolist()))
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        return np.zeros((len(data), 0))
+
+    def known(self, data: ChannelData, inner: Inner) -> FloatArray:
+        once, twice = (data.context[name].reshape(len(data), -1) for name in self.needs[:2])
+        offset = np.zeros(once.shape[1])
+        offset[list(self.joints)] = [inner[angle.name] for angle in self.inner]
+        j, k = np.triu_indices(len(offset))
+        products = np.where(j == k, 0.5, 1.0) * offset[j] * offset[k]
+        effort: FloatArray = twice @ products - once @ offset
+        return effort
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: small angles that fit what the rigid bodies do not explain."""
+        missing = data.effort - KnownRigidBody().known(data, {})
+        slopes = -data.context["effort_by_positions"].reshape(len(data), -1)[:, list(self.joints)]
+        angles = np.linalg.lstsq(slopes, missing, rcond=1e-3)[0].clip(-0.4, 0.4)
+        alone = (slopes.T @ missing / np.sum(slopes**2, axis=0)).clip(-0.4, 0.4)
+        sets = [angles, *np.diag(alone)]
+        return tuple(
+            {angle.name: float(value) for angle, value in zip(self.inner, values, strict=True)}
+            for values in sets
+        )
+
+
 class Payload(AdditiveEffect):
     name = "payload"
     kind = Kind.GRAVITY_LOAD

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations_with_replacement
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,10 +30,13 @@ UNREAD_FORCE = "force_beyond_reading"
 TILT = "tilt_effort_per_rad"
 WEIGHT = "weight_effort"
 TURNED = "weight_effort_turned"
+ZERO = "effort_by_positions"
+ZERO_TWICE = "effort_twice_by_positions"
 ARM_MOTION = ("joint_position", "joint_velocity", "joint_acceleration")
 Motion = tuple[FloatArray, FloatArray, FloatArray]  # position, velocity, acceleration, each (n, joints)
 Dynamics = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 _STEP_RAD = 1e-4
+_WIDE_STEP_RAD = 1e-3
 
 
 @dataclass(frozen=True)
@@ -63,6 +67,10 @@ def with_rigid_body(
     `force_beyond_reading` (n,) [N]: the part of the tip's force that acts on the other joints but is missing
     in the force sensor's reading.
 
+    Without a regressor, it adds the derivatives of `rigid_body_torque` plus `contact_torque` by the positions
+    of all joints: `effort_by_positions` (n, joints), zero for prismatic joints, and
+    `effort_twice_by_positions` (n, pairs), with the pairs of joints in the order of `numpy.triu_indices`.
+
     Args:
         data: the channel.
         body: the arm.
@@ -88,21 +96,33 @@ def with_rigid_body(
             return body.joint_regressor(joint, *motion)[:, regressor]
 
         context |= _with_slopes(REGRESSOR, chosen, (q, v, a), joint)
-    arm = _arm_torques(body, *(data.context[name] for name in ARM_MOTION))
+    motion = tuple(data.context[name] for name in ARM_MOTION)
+    arm = _arm_torques(body, *motion)
 
     def torque(*motion: FloatArray) -> FloatArray:
         return body.inverse_dynamics_batch(*motion)[:, joint]
 
     context |= _with_slopes(TORQUE, torque, (q, v, a), joint, arm.rigid_body[:, joint])
     context[PAYLOAD] = arm.payload[:, joint]
+    changes = None if len(regressor) else [torques[:, joint] for torques in _by_positions(body, *motion)]
     if "contact_force" in data.context:
-        levers_m = _levers(body, data.context["joint_position"], data.context["press_direction_world"])
+        force_n, direction = data.context["contact_force"], data.context["press_direction_world"]
+        jacobians = _tip_jacobians(body, data.context["joint_position"])
+        levers_m: FloatArray = np.einsum("nij,ni->nj", jacobians[:, :3], direction)
         context[CONTACT_LEVER] = levers_m[:, joint]
-        context[CONTACT_TORQUE] = context[CONTACT_LEVER] * data.context["contact_force"]
+        context[CONTACT_TORQUE] = context[CONTACT_LEVER] * force_n
+        if changes:
+            levers = _levers_by_positions(jacobians, direction, joint)
+            changes = [
+                torques + lever * force_n[:, None] for torques, lever in zip(changes, levers, strict=True)
+            ]
         if "joint_torque" in data.context:
             unexplained = data.context["joint_torque"] - arm.rigid_body
             others = np.delete(np.arange(body.joint_count), joint)
             context[UNREAD_FORCE] = _unread_force(data, levers_m[:, others], unexplained[:, others])
+    if changes:
+        turning = [axis.revolute for axis in body.joint_axes()]
+        context |= {ZERO: changes[0] * turning, ZERO_TWICE: changes[1]}
     context |= {name: torques[:, joint] for name, torques in arm.tilt.items()}
     return replace(data, context=context)
 
@@ -132,11 +152,66 @@ def _arm_torques(
 
 
 @cache_by_array
-def _levers(body: "RigidBody", position: FloatArray, direction: FloatArray) -> FloatArray:
-    """Compute the torques per newton, J^T p (n, joints) [m], for press directions p (n, 3) in world axes."""
-    jacobians = np.array([body.tip_jacobian(row)[:3] for row in position])
-    levers_m: FloatArray = np.einsum("nij,ni->nj", jacobians, direction)
-    return levers_m
+def _by_positions(
+    body: "RigidBody", position: FloatArray, velocity: FloatArray, acceleration: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Differentiate torques by joint positions once and twice, (n, joints, joints) and (n, joints, pairs)."""
+    q, v, a = (values.reshape(len(values), -1) for values in (position, velocity, acceleration))
+    here = body.inverse_dynamics_batch(q, v, a)
+    steps = _WIDE_STEP_RAD * np.eye(body.joint_count)
+
+    def change(step: FloatArray) -> tuple[FloatArray, FloatArray]:
+        ahead, behind = (body.inverse_dynamics_batch(q + side * step, v, a) for side in (1.0, -1.0))
+        return ahead - behind, ahead + behind - 2.0 * here
+
+    slopes, curved = zip(*map(change, steps), strict=True)
+    pairs = [
+        curved[j] if j == k else 0.5 * (change(steps[j] + steps[k])[1] - curved[j] - curved[k])
+        for j, k in combinations_with_replacement(range(len(steps)), 2)
+    ]
+    return np.stack(slopes, axis=-1) / (2.0 * _WIDE_STEP_RAD), np.stack(pairs, axis=-1) / _WIDE_STEP_RAD**2
+
+
+@cache_by_array
+def _tip_jacobians(body: "RigidBody", position: FloatArray) -> FloatArray:
+    """Compute the Jacobians of the tip in world axes, (n, 6, joints), see `RigidBody.tip_jacobian`."""
+    return np.array([body.tip_jacobian(row) for row in position])
+
+
+def _levers_by_positions(
+    jacobians: FloatArray, direction: FloatArray, joint: int
+) -> tuple[FloatArray, FloatArray]:
+    """Differentiate the torque per newton that a tool measures along a direction p by joint positions.
+
+    The derivatives of the tip x by joints i <= j <= k are dx/dk = J_k, w_j x J_k and w_i x (w_j x J_k), with
+    the columns J of the Jacobian and the axes w of revolute joints (zero for prismatic ones). A tool at an
+    angle to p measures only the component of the force along its axis. Its second derivative by the positions
+    of joints j and k is -(w_j x p) (w_k x p) times the force.
+
+    Args:
+        jacobians: Jacobians of the tip in world axes, (n, 6, joints).
+        direction: press directions p in world axes, (n, 3).
+        joint: joint of the torque, from 0.
+
+    Returns:
+        First and second derivatives, (n, joints) [m/rad] and (n, pairs) [m/rad^2].
+    """
+    tip, axes = jacobians[:, :3].transpose(2, 0, 1), jacobians[:, 3:].transpose(2, 0, 1)
+
+    def lever(*joints: int) -> FloatArray:
+        *turning, last = sorted((joint, *joints))
+        moved = tip[last]
+        for index in reversed(turning):
+            moved = np.cross(axes[index], moved)
+        along: FloatArray = np.einsum("ni,ni->n", moved, direction)
+        return along
+
+    turned, joints = np.cross(axes, direction), range(len(tip))
+    twice = [
+        lever(j, k) + lever() * np.einsum("ni,ni->n", turned[j], turned[k])
+        for j, k in combinations_with_replacement(joints, 2)
+    ]
+    return np.stack([lever(j) for j in joints], axis=-1), np.stack(twice, axis=-1)
 
 
 def _with_slopes(

@@ -77,6 +77,10 @@ JOINT: Mapping[str, Term] = {
 }
 
 ARM: Mapping[str, Term] = {  # effects of the whole arm
+    "encoder_zero": lambda p: [
+        {"effect": "bias", "channel": joint.replace("joint", "encoder"), "bias": offset}
+        for joint, offset in p.items()
+    ],
     "gravity_tilt": lambda p: [
         {"pitch_rad": p["tilt"]} if "tilt" in p else {"pitch_rad": p["pitch"], "roll_rad": p["roll"]}
     ],

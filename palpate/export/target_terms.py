@@ -60,6 +60,7 @@ SYMMETRIC = "the target has equal friction in both directions, so the mean of bo
 # Reasons for every target; its own terms take precedence.
 _REASONS: Mapping[str, str] = {
     "bias": "may be a constant effort or the sensor's zero, which the motion cannot distinguish",
+    "encoder_zero": "is an error of the encoders: calibrate them (palpate calibrate encoder)",
     "gravity_tilt": "is the weight of a single pendulum; to get a tilt angle, fit with the arm's URDF",
     "inertia": _OF_BODIES,
     "pendulum": _OF_BODIES,

@@ -1,4 +1,4 @@
-"""Joints of known arms: a tilted base, a joint that mostly stands still, and an arm that presses."""
+"""Joints of known arms: a tilted base, wrong encoder zeros, a resting joint, a pressing arm."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -27,8 +27,8 @@ HOME_RAD = np.array([0.87, -1.47, -0.98])
 STEP_S, RUNS = 0.01, 3
 
 
-def swinging(joint, dip_rad, swing_rad=0.1, noise_nm=0.0, urdf=URDF, roll_rad=0.0):
-    """Slow swings of an arm whose base dips towards its front and side, which its model does not know."""
+def swinging(joint, dip_rad, swing_rad=0.1, noise_nm=0.0, urdf=URDF, roll_rad=0.0, zeros_rad=(0.0, 0.0, 0.0)):
+    """Slow swings of an arm whose base dips to its front and side and whose encoders have wrong zeros."""
     t = np.arange(0.0, 4.0, STEP_S)
     swings = [HOME_RAD + swing_rad * np.sin(np.outer(t, [1.3, 1.7, 2.1]) + run) for run in range(RUNS)]
     q = np.concatenate(swings)
@@ -37,7 +37,7 @@ def swinging(joint, dip_rad, swing_rad=0.1, noise_nm=0.0, urdf=URDF, roll_rad=0.
     tilted = RigidBody.from_urdf(urdf, "tip", gravity_base_m_s2(dip_rad, roll_rad))
     torque = np.array([tilted.inverse_dynamics(*rows)[joint] for rows in zip(q, v, a, strict=True)])
     torque += np.random.default_rng(4).normal(0.0, 1.0, len(torque)) * noise_nm
-    run = np.repeat(np.arange(RUNS), len(t))
+    run, q = np.repeat(np.arange(RUNS), len(t)), q + zeros_rad
     context = {"joint_position": q, "joint_velocity": v, "joint_acceleration": a}
     motion = (np.tile(t, RUNS), q[:, joint], v[:, joint], a[:, joint])
     name = f"joint_{joint + 1}"
@@ -127,6 +127,54 @@ def test_joint_on_a_tilted_base_is_no_pendulum():
     assert tilt.applies_to(arm)
     assert not tilt.applies_to(replace(arm, context=lacking))
     assert tilt.applies_to(replace(arm, context={}))  # a single joint
+
+
+@pytest.mark.parametrize("joint", [0, 1, 2])
+def test_wrong_zeros_equal_torques_of_another_posture(joint):
+    """With three zeros of up to 0.1 rad, and a tool that measures a component of the contact force."""
+    rng, count = np.random.default_rng(2), 50
+    q, v, a = rng.uniform(-1.0, 1.0, (3, count, 3))
+    force_n, down = rng.uniform(0.0, 20.0, count), np.tile([0.6, 0.0, -0.8], (count, 1))
+    body, zeros_rad = RigidBody.from_urdf(URDF, "tip"), np.array([0.05, -0.1, 0.08])
+
+    def torque(q, measured_share):
+        levers_m = np.array([body.tip_jacobian(row)[:3].T @ p for row, p in zip(q, down, strict=True)])
+        free_nm = body.inverse_dynamics_batch(q, v, a)
+        return free_nm[:, joint] + levers_m[:, joint] * force_n / measured_share
+
+    context = dict(zip(("joint_position", "joint_velocity", "joint_acceleration"), (q, v, a), strict=True))
+    context |= {"contact_force": force_n, "press_direction_world": down}
+    effort, run = torque(q - zeros_rad, np.cos(zeros_rad.sum())), np.zeros(count, dtype=np.int64)
+    motion = (0.01 * np.arange(count), q[:, joint], v[:, joint], a[:, joint])
+    data = ChannelData(f"joint_{joint + 1}", ChannelKind.REVOLUTE, *motion, effort, run, run, context)
+    data = with_rigid_body(data, body, joint)
+    effect = EFFECTS["encoder_zero"]().suited_to(data)
+    added = effect.known(
+        data, {angle.name: zeros_rad[j] for angle, j in zip(effect.inner, effect.joints, strict=True)}
+    )
+    change = effort - torque(q, 1.0)
+    np.testing.assert_allclose(added, change, atol=0.01 * np.abs(change).max())
+
+
+@pytest.mark.parametrize(("joint", "zeros_rad"), [(0, (0.0, 0.06, 0.0)), (2, (0.0, 0.0, -0.2))])
+def test_wrong_zero_of_an_encoder_is_named(joint, zeros_rad):
+    """The last joint shows only the sum of all zeros, since its weight depends on the link's direction."""
+    data = swinging(joint, 0.0, 0.6, noise_nm=0.005, zeros_rad=zeros_rad)
+    effects = [EFFECTS[name]() for name in ("encoder_zero", "joint_spring", "bias", "torque_gain", "payload")]
+    model, rng = Model("arm", (KnownRigidBody(),)), np.random.default_rng(1)
+    (entry,) = diagnose(data, model, effects, rng=rng).channels[0].accepted
+    assert entry.effect == "encoder_zero"
+    fitted = list(entry.parameters.values())
+    if joint == 0:
+        assert all(
+            abs(p.value - zero) < 4.0 * p.std_err < 0.04 for p, zero in zip(fitted, zeros_rad, strict=True)
+        )
+    assert sum(p.value for p in fitted) == pytest.approx(sum(zeros_rad), abs=0.01)
+
+
+def test_zero_of_a_vertical_joint_changes_no_torque_in_free_air():
+    effect = EFFECTS["encoder_zero"]().suited_to(swinging(1, 0.0, urdf=TURNING))
+    assert [angle.name for angle in effect.inner] == ["joint_2", "joint_3"]
 
 
 N = 2500

@@ -35,8 +35,9 @@ def fitted(channel, runs=0, surface=None, **values):
 
 def test_every_simulator_effect_has_a_fitted_counterpart():
     known = {**CONTACT, **JOINT, **ARM, **SENSOR}
-    # a gain is found by calibration, not by a fit; a dead band by the contact and by the joints
-    assert set(known) - {"force_deadband"} == set(IMPERFECTIONS) - {"sensor_gain"}
+    # a gain is found by calibration, not by a fit; a dead band by the contact and by the joints; an encoder
+    # zero is a bias
+    assert set(known) - {"force_deadband", "encoder_zero"} == set(IMPERFECTIONS) - {"sensor_gain"}
 
 
 @pytest.mark.parametrize(
@@ -57,7 +58,7 @@ def test_typical_values_of_every_effect_can_be_exported(terms, channel):
             assert export.left_out == () or "hunt_crossley" in export.left_out[0]
             continue
         assert not export.left_out, name
-        simulated = {"force_deadband": "deadband"}.get(name, name)
+        simulated = {"force_deadband": "deadband", "encoder_zero": "bias"}.get(name, name)
         assert simulated in {entry.name for entry in export.scenario.hidden}
 
 
@@ -91,6 +92,13 @@ def test_tilt_of_a_turning_arm_has_both_angles():
     joints = [fitted(f"joint_{n}", 3, gravity_tilt__pitch=0.1, gravity_tilt__roll=-0.2) for n in (1, 2)]
     (entry,) = export_scenario(Scenario(), joints, "x").scenario.hidden
     assert (entry.pitch_rad, entry.roll_rad) == (0.1, -0.2)
+
+
+def test_encoder_zeros_become_biases_of_the_encoders():
+    (zero,) = export_scenario(
+        Scenario(), [fitted("joint_1", 3, encoder_zero__joint_2=0.05)], "x"
+    ).scenario.hidden
+    assert (zero.name, zero.channel, zero.bias) == ("bias", "encoder_2", 0.05)
 
 
 def pressed(**more):
