@@ -9,6 +9,7 @@ import scipy
 
 from palpate.estimation.budget.laws import unseen_kinds
 from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.derivatives import grid_step
 from palpate.estimation.effect import Effect, Inner, SensorEffect, forms_of
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.effects.elastic_shape import ToolCompliance
@@ -306,7 +307,9 @@ def is_misnamed(effect: Effect, solution: Solution, problem: FitProblem) -> bool
         return True
     if effect.kind is Kind.SENSOR_DYNAMICS and _lowers_error_only_at_reversals(effect, solution, problem):
         return True
-    data = solution.model.moved(problem.blocked.data, solution.parameters)
+    read = problem.blocked.data
+    step = read.position_step or grid_step(read.position)  # a shifted motion is not on the grid
+    data = replace(solution.model.moved(read, solution.parameters), position_step=step)
     noise = float(np.sqrt(np.mean(solution.residual**2)))
     return effect.is_misnamed(data, solution.parameters, lambda: solution.standard_errors, noise)
 

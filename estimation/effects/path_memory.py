@@ -247,6 +247,10 @@ class Backlash(MotionEffect):
             for motor in (0.0, 1.0)
         )
 
+    def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
+        """See `Effect.is_misnamed`: half the gap is within one step of the encoder, which acts like play."""
+        return parameters[f"{self.name}.gap"] < 2.0 * data.position_step
+
 
 class LoadedBacklash(MotionEffect):
     """q_true = q - gap/2 s; s, from -1 to 1, is the side of the gap to which the load moved the link.

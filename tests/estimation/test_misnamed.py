@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from palpate.estimation.channel import ChannelKind
+from palpate.estimation.diagnosis import candidates
 from palpate.estimation.effects import EFFECTS
+from palpate.estimation.effects.inertia import Inertia
+from palpate.estimation.effects.path_memory import Backlash
+from palpate.estimation.fit.fit_problem import solve_gains
+from palpate.estimation.fit.fit_result import fit_model
+from palpate.estimation.model import Model
 from tests.estimation.presses import channel, colored_noise, session
 from tests.estimation.test_effect_form import some_channel
 
@@ -160,6 +166,17 @@ def test_slow_noise_at_the_end_of_a_range_is_no_curve(share):
         data = channel(force, time_s, way, np.full(count, 1e-3), np.zeros(count, dtype=np.int64))
         flags += is_misnamed("saturation", data, {"limit": 9.5})
     assert flags <= 1
+
+
+@pytest.mark.parametrize(("gap", "is_visible"), [(1.0, False), (1.9, False), (3.0, True)])
+def test_gap_within_the_steps_of_an_encoder_is_rounding(gap, is_visible):
+    step = 2.0 * np.pi / 4096
+    data = replace(JOINT, position=np.round(JOINT.position / step) * step)
+    model = Model("geared", (Inertia(), Backlash()))
+    problem = fit_model(data, Model("rigid", (Inertia(),)), {}).problem
+    shares = {"backlash.motor_inertia": 0.5, "backlash.motor_friction": 0.5}
+    solution = solve_gains(problem, model, {"backlash.gap": gap * step, **shares})
+    assert candidates.is_misnamed(model.effect("backlash"), solution, problem) is not is_visible
 
 
 def test_large_tilt_of_one_joint_is_another_center_of_mass():
