@@ -5,6 +5,7 @@ import re
 import shlex
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from operator import is_
 
 import numpy as np
 import scipy
@@ -87,6 +88,8 @@ class ImportedData:
     roles: Mapping[str, str] = field(default_factory=dict)
     # Columns of position and effort by joint channel, for names other than palpate's own.
     columns: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    # Whether positions and efforts keep the signs of their columns, and efforts are no reactions.
+    signs: tuple[bool, ...] = ()
 
     def title(self, channel: str) -> str:
         """Return a channel's name, followed by its columns if they are known."""
@@ -147,7 +150,10 @@ def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> ImportedD
         before = len(notes)
         channel = _make_channel(source, columns, rows, notes)
         channels.append(replace(channel, import_warnings=(*time_warnings, *notes[before:])))
-    channels = _reverse_reactions(channels, sources, columns, notes)
+    recorded = channels
+    channels = _reverse_reactions(recorded, sources, columns, notes)
+    signs = [columns.assigned[key].factor > 0.0 for each in sources for key in (each.position, each.effort)]
+    signs += map(is_, recorded, channels)
     channels = [replace(channel, context=context, recorded=frozenset(context)) for channel in channels]
     roles = columns.roles
     if any(channel.surface is not None for channel in channels):
@@ -159,7 +165,9 @@ def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> ImportedD
         for source in sources
         if source.kind is not ChannelKind.CONTACT and columns.matched
     }
-    return ImportedData(with_arm(channels), rows.labels, tuple(notes), unused, read, roles, joint_columns)
+    return ImportedData(
+        with_arm(channels), rows.labels, tuple(notes), unused, read, roles, joint_columns, tuple(signs)
+    )
 
 
 def _context_signals(

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from palpate.estimation.channel import ChannelData
-from palpate.estimation.data.column_names import is_unnamed
+from palpate.estimation.data.column_names import RUN, is_unnamed
 from palpate.estimation.data.file_columns import is_bag, natural_key, pa
 from palpate.estimation.data.import_file import ImportedData, import_table, with_arm
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import ENDINGS, Table, read_table
+from palpate.estimation.data.table_layout import with_run
 from palpate.estimation.data.text_table import is_prose
 from palpate.robot_io.errors import InputError
 
@@ -50,7 +51,8 @@ def import_files(
     """Read files one by one with `import_file`, and concatenate their runs.
 
     If the first file alone makes no channel, files with the same rows and different columns are joined side
-    by side, such as one of positions and one of torques.
+    by side, such as one of positions and one of torques. If the files alone do not tell the same signs, they
+    are read as one table, since the same sensors recorded all of them.
 
     Args:
         paths: paths of the files, at least one.
@@ -73,6 +75,8 @@ def import_files(
         which = f"file {number + 1} of {len(paths)}" if len(paths) > 1 else "the file"
         progress(f"deriving the motion of {which}", (number + 0.5) / len(paths))
         parts.append(import_table(table, options))
+    if joined := joined_by_signs(parts, paths, options):
+        parts = [import_table(joined, options)]
     if len(parts) == 1:
         return replace(parts[0], notes=(*prose, *parts[0].notes))
     channels = []
@@ -154,6 +158,33 @@ def _side_by_side(first: Table, further: Iterable[Table]) -> Table | None:
         files.append(table.path.name)
     word = f"{len(files)} files with the same rows are joined side by side: {', '.join(files)}"
     return replace(first, path=first.path.parent, columns=pa.table(columns), notes=(word, *first.notes))
+
+
+def joined_by_signs(
+    parts: Sequence[ImportedData], paths: Sequence[Path], options: ImportOptions
+) -> Table | None:
+    """Join files to one table whose runs are the files; None if they have the same signs, or have runs.
+
+    Args:
+        parts: content of each file when it is read alone.
+        paths: paths of the files.
+        options: options for reading each file.
+    """
+    has_runs = options.runs is not None or RUN in options.columns
+    if has_runs or len({part.signs for part in parts if len(part.signs) == len(parts[0].signs)}) == 1:
+        return None
+    tables = [*read_tables(paths, options)]
+    names = [table.path.name for table in tables]
+    labels = names if len(set(names)) == len(names) else [str(table.path) for table in tables]
+    columns = [with_run(table.columns, label) for table, label in zip(tables, labels, strict=True)]
+    word = f"{len(tables)} files, read as one table, because alone their signs would differ"
+    return replace(
+        tables[0],
+        path=tables[0].path.parent,
+        columns=pa.concat_tables(columns, promote_options="permissive"),
+        rows=np.concatenate([table.rows for table in tables]),
+        notes=(word, *tables[0].notes),
+    )
 
 
 def joined_channels(parts: Sequence[ChannelData]) -> ChannelData:

@@ -19,7 +19,7 @@ from palpate.control.loop.task import Phase
 from palpate.estimation.data.channels import import_extra, import_streams
 from palpate.estimation.data.file_columns import is_session, list_first
 from palpate.estimation.data.import_file import ImportedData, import_table
-from palpate.estimation.data.import_files import data_files, import_files, read_tables
+from palpate.estimation.data.import_files import data_files, import_files, joined_by_signs, read_tables
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import Table
 from palpate.estimation.data_quality import list_warnings, quality_warnings, unchanging
@@ -74,24 +74,29 @@ def import_command(
         if out is not None:
             raise InputError("--look stores nothing, so leave out --out")
         if as_json:
-            facts = []
-            for table in read_tables(tables, options.options):
-                imported = import_table(table, options.options)
-                facts.append(
-                    {
-                        "file": str(table.path),
-                        "rows": len(table),
-                        "written": table.notes,
-                        "columns": {name: imported.roles.get(name) for name in table.names},
-                        "channels": _channel_facts(imported),
-                        "notes": [*imported.notes, *_plausibility_warnings(imported)],
-                    }
-                )
+            read = [
+                (each, import_table(each, options.options)) for each in read_tables(tables, options.options)
+            ]
+            if joined := joined_by_signs([part for _, part in read], tables, options.options):
+                read.append((joined, import_table(joined, options.options)))
+            facts = [
+                {
+                    "file": str(table.path),
+                    "rows": len(table),
+                    "written": table.notes,
+                    "columns": {name: imported.roles.get(name) for name in table.names},
+                    "channels": _channel_facts(imported),
+                    "notes": [*imported.notes, *_plausibility_warnings(imported)],
+                }
+                for table, imported in read
+            ]
             console.print_json({"files": facts})
             return
         previews: list[ImportedData] = []
         for table in read_tables(tables, options.options):
             previews.append(_print_preview(table, options.options, previews[-1].roles if previews else None))
+        if joined := joined_by_signs(previews, tables, options.options):
+            previews = [_print_preview(joined, options.options)]
         # Several files are runs of one measurement, so whether they suffice is judged for all together.
         imported = previews[0] if len(previews) == 1 else import_files(tables, options.options)
         for warning in _plausibility_warnings(imported):

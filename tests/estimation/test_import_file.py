@@ -15,6 +15,7 @@ from palpate.estimation.channel import ChannelKind
 from palpate.estimation.data import file_columns
 from palpate.estimation.data.channels import import_streams
 from palpate.estimation.data.import_file import import_file
+from palpate.estimation.data.import_files import import_files
 from palpate.estimation.data.import_options import ImportOptions, parse_pairs
 from palpate.estimation.data.table import read_table
 from palpate.estimation.study.source import open_source
@@ -522,6 +523,16 @@ def test_joint_with_a_clear_sign_decides_for_the_others(tmp_path):
     kept = import_file(file, ImportOptions(units={"torque": "1Nm"}))
     for channel, joint in zip(kept.channels, (first, second), strict=True):
         np.testing.assert_allclose(channel.effort, joint["torque_Nm"])
+
+
+def test_file_with_a_clear_sign_decides_for_the_others(tmp_path):
+    swings = [swung(sign=-1.0), swung(sign=-1.0, friction=0.0)]
+    files = [write_csv(tmp_path / f"{number}.csv", swing) for number, swing in enumerate(swings)]
+    imported = import_files(files, ImportOptions())
+    recorded = np.concatenate([swing["torque_Nm"] for swing in swings])
+    np.testing.assert_allclose(only(imported).effort, -recorded)
+    assert imported.run_labels == {0: "0.csv", 1: "1.csv"}
+    assert "2 files, read as one table, because alone their signs would differ" in imported.read
 
 
 def test_exactly_repeated_simulated_run_is_a_run(contact):
