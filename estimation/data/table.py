@@ -30,6 +30,7 @@ from palpate.estimation.data.file_columns import (
 )
 from palpate.estimation.data.grouped_files import hdf5_content, tdms_content
 from palpate.estimation.data.json_table import read_json
+from palpate.estimation.data.names_beside_numbers import names_beside_numbers
 from palpate.estimation.data.table_layout import (
     CLOCK_MARK,
     find_tests,
@@ -311,7 +312,9 @@ def table_of(file: FileColumns, path: Path) -> Table:
     Raises:
         InputError: the table has no rows.
     """
-    columns = file.columns.rename_columns([" ".join(name.split()) for name in file.columns.column_names])
+    words = names_beside_numbers(file)
+    named = (words.get(place, name) for place, name in enumerate(file.columns.column_names, 1))
+    columns = file.columns.rename_columns([" ".join(name.split()) for name in named])
     used = [  # omit columns that have neither a name nor a value
         place
         for place, name in enumerate(columns.column_names)
@@ -320,7 +323,8 @@ def table_of(file: FileColumns, path: Path) -> Table:
     columns = columns.select(used)
     names, lines = columns.column_names, len(file.preamble)
     is_nameless = {is_unnamed(name) for name in names if name != RUN} == {True}
-    notes = [NAMELESS] if is_nameless and NAMELESS not in file.notes else []
+    notes = ["columns named by the words above or before their numbers"] if words else []
+    notes += [NAMELESS] if is_nameless and NAMELESS not in file.notes else []
     notes += [f"{lines} line{'s' if lines > 1 else ''} above the header"] if lines else []
     notes += ["each row holds a signal"] if file.row_word == "column" else []
     notes += file.notes

@@ -240,6 +240,23 @@ def test_unnamed_columns_are_called_by_their_places(tmp_path, delimiter, decimal
     np.testing.assert_allclose(channel.position, WAY_M, atol=1e-8)
 
 
+LIST = "%% log\n%  1  time 0.010 sec\n%  2 3 Travel [mm] left, right: 1.0 2.0\n% 5 Load (1 = raw)\n"
+
+
+@pytest.mark.parametrize(
+    ("above", "row", "names"),
+    [
+        (LIST, "{0} {1} {1} 7 {2}", ["time", "Travel left [mm]", "Travel right [mm]", "column 4", "Load"]),
+        ("", "Tick{3} {0} Travel {1} {1} Load {2}", ["Tick", "Travel 1", "Travel 2", "Load"]),
+    ],
+)
+def test_words_beside_numbers_name_the_columns(tmp_path, above, row, names):
+    rows = (row.format(*cells) for cells in zip(TIME_S, 1e3 * WAY_M, FORCE_N, range(9999), strict=False))
+    table = read_table(saved(tmp_path / "log.txt", above + "\n".join(rows)))
+    assert [name for name in table.names if above or table.numeric_share(name)] == names
+    np.testing.assert_allclose(table.numbers("Load"), FORCE_N)
+
+
 def test_missing_position_is_integrated_from_the_velocity(tmp_path):
     speed = np.gradient(SWING_RAD, TIME_S)
     path = table_file(tmp_path, "time [s],torque [Nm],angular speed [rad/s]\n", TIME_S, TORQUE_NM, speed)
