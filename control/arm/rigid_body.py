@@ -229,11 +229,10 @@ class RigidBody:
         Returns:
             Shape (6, n): tip velocity [m/s] above angular velocity [rad/s], per joint velocity.
         """
-        return np.asarray(
-            pin.computeFrameJacobian(
-                self._model, self._data, position_rad, self._tip, pin.LOCAL_WORLD_ALIGNED
-            )
+        jacobian = pin.computeFrameJacobian(
+            self._model, self._data, position_rad, self._tip, pin.LOCAL_WORLD_ALIGNED
         )
+        return np.asarray(jacobian).reshape(6, -1)  # Pinocchio drops the second axis of an arm with one joint
 
     def inverse_dynamics(
         self, position_rad: FloatArray, velocity_rad_s: FloatArray, acceleration_rad_s2: FloatArray

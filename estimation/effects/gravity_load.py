@@ -170,7 +170,7 @@ def _is_known(data: ChannelData) -> bool:
     return set(_OF_TILT) <= set(data.context)
 
 
-_ZERO_SHARE = 1e-6  # change of the largest torque per radian below which a joint's zero changes nothing
+_ZERO_SHARE = 1e-6  # share of the largest change per radian below which a joint's zero changes nothing
 
 
 class EncoderZero(AdditiveEffect):
@@ -182,7 +182,7 @@ class EncoderZero(AdditiveEffect):
 
     name = "encoder_zero"
     kind = Kind.GRAVITY_LOAD
-    physics = "The encoders of the arm's joints read a constant angle where the joints are at zero."
+    physics = "Each encoder of the arm reads the angle of its joint plus a constant."
     equation = (
         "effort = -df/dq b + b^T d2f/dq2 b / 2, f torque of rigid bodies and contact force, q positions"
     )
@@ -190,7 +190,7 @@ class EncoderZero(AdditiveEffect):
     signature = "the errors of all joints match the weight of an arm in a slightly different posture"
     signals = ("position", "other joints")
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
-    needs = ("effort_by_positions", "effort_twice_by_positions", "rigid_body_torque")
+    needs = ("effort_by_positions", "effort_twice_by_positions")
     confused_with = {
         "gravity_tilt": "calibrate the zeros (palpate calibrate encoder): a tilt of the base remains",
         "payload": "calibrate the zeros (palpate calibrate encoder): a payload remains",
@@ -217,7 +217,7 @@ class EncoderZero(AdditiveEffect):
         return np.zeros((len(data), 0))
 
     def known(self, data: ChannelData, inner: Inner) -> FloatArray:
-        once, twice = (data.context[name].reshape(len(data), -1) for name in self.needs[:2])
+        once, twice = (data.context[name].reshape(len(data), -1) for name in self.needs)
         offset = np.zeros(once.shape[1])
         offset[list(self.joints)] = [inner[angle.name] for angle in self.inner]
         j, k = np.triu_indices(len(offset))

@@ -157,25 +157,26 @@ def _by_positions(
 ) -> tuple[FloatArray, FloatArray]:
     """Differentiate torques by joint positions once and twice, (n, joints, joints) and (n, joints, pairs)."""
     q, v, a = (values.reshape(len(values), -1) for values in (position, velocity, acceleration))
-    here = body.inverse_dynamics_batch(q, v, a)
     steps = _WIDE_STEP_RAD * np.eye(body.joint_count)
 
-    def change(step: FloatArray) -> tuple[FloatArray, FloatArray]:
-        ahead, behind = (body.inverse_dynamics_batch(q + side * step, v, a) for side in (1.0, -1.0))
-        return ahead - behind, ahead + behind - 2.0 * here
+    def change(step: FloatArray) -> FloatArray:
+        return body.inverse_dynamics_batch(q + step, v, a) - here
 
-    slopes, curved = zip(*map(change, steps), strict=True)
-    pairs = [
-        curved[j] if j == k else 0.5 * (change(steps[j] + steps[k])[1] - curved[j] - curved[k])
+    here = body.inverse_dynamics_batch(q, v, a)
+    once = [change(step) for step in steps]
+    twice = {
+        (j, k): change(steps[j] + steps[k]) - once[j] - once[k]
         for j, k in combinations_with_replacement(range(len(steps)), 2)
-    ]
-    return np.stack(slopes, axis=-1) / (2.0 * _WIDE_STEP_RAD), np.stack(pairs, axis=-1) / _WIDE_STEP_RAD**2
+    }
+    slopes = [first - 0.5 * twice[j, j] for j, first in enumerate(once)]  # with an error of third order
+    pairs = np.stack(list(twice.values()), axis=-1)
+    return np.stack(slopes, axis=-1) / _WIDE_STEP_RAD, pairs / _WIDE_STEP_RAD**2
 
 
 @cache_by_array
 def _tip_jacobians(body: "RigidBody", position: FloatArray) -> FloatArray:
     """Compute the Jacobians of the tip in world axes, (n, 6, joints), see `RigidBody.tip_jacobian`."""
-    return np.array([body.tip_jacobian(row) for row in position])
+    return np.array([body.tip_jacobian(row) for row in position.reshape(len(position), -1)])
 
 
 def _levers_by_positions(
@@ -185,8 +186,9 @@ def _levers_by_positions(
 
     The derivatives of the tip x by joints i <= j <= k are dx/dk = J_k, w_j x J_k and w_i x (w_j x J_k), with
     the columns J of the Jacobian and the axes w of revolute joints (zero for prismatic ones). A tool at an
-    angle to p measures only the component of the force along its axis. Its second derivative by the positions
-    of joints j and k is -(w_j x p) (w_k x p) times the force.
+    angle to p measures only the component of the force along its axis. The second derivative of this
+    component by the positions of joints j and k is -(w_j x p) (w_k x p) times the force, so the lever per
+    measured newton grows by the opposite.
 
     Args:
         jacobians: Jacobians of the tip in world axes, (n, 6, joints).

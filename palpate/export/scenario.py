@@ -172,9 +172,7 @@ def export_scenario(base: Scenario, fitted: Sequence[FittedChannel], description
             used += lines
         for name, values in effects.items():
             if name in ARM and taken.setdefault(name, where) != where:
-                left_out.append(
-                    f"{where}: '{name}' has one value for the whole arm, taken from {taken[name]}"
-                )
+                left_out.append(f"{where}: '{name}' applies to the whole arm and is taken from {taken[name]}")
                 continue
             made, lines = _entries(name, values, channel)
             hidden += made
@@ -185,6 +183,10 @@ def export_scenario(base: Scenario, fitted: Sequence[FittedChannel], description
                     f"{SHORTEST_SLIP_M:.0e} m, so its presliding of {values['presliding']:.2g} m and "
                     f"transition of {values['transition']:.2g} m/s are left out"
                 )
+    if "encoder_zero" in taken and any(channel.surface for channel in fitted):
+        left_out.append(
+            "object: surface_height_m is as the wrong encoders show it; the simulated zeros shift it again"
+        )
     return Export(scenario.with_hidden(hidden), tuple(used), tuple(left_out))
 
 

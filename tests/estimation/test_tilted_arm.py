@@ -172,6 +172,15 @@ def test_wrong_zero_of_an_encoder_is_named(joint, zeros_rad):
     assert sum(p.value for p in fitted) == pytest.approx(sum(zeros_rad), abs=0.01)
 
 
+def test_one_joint_that_presses_shows_its_own_zero():
+    q, rest, run = np.linspace(-1.0, 1.0, 5), np.zeros(5), np.zeros(5, dtype=np.int64)
+    context = {f"joint_{what}": q * (what == "position") for what in ("position", "velocity", "acceleration")}
+    context |= {"contact_force": 10.0 + q, "press_direction_world": np.tile([0.0, 0.0, -1.0], (5, 1))}
+    alone = ChannelData("joint_1", ChannelKind.REVOLUTE, q, q, rest, rest, rest, run, run, context)
+    ready = with_rigid_body(alone, RigidBody.from_urdf(PENDULUM, "probe"), 0)
+    assert EFFECTS["encoder_zero"]().suited_to(ready).joints == (0,)
+
+
 def test_zero_of_a_vertical_joint_changes_no_torque_in_free_air():
     effect = EFFECTS["encoder_zero"]().suited_to(swinging(1, 0.0, urdf=TURNING))
     assert [angle.name for angle in effect.inner] == ["joint_2", "joint_3"]

@@ -94,16 +94,19 @@ def test_tilt_of_a_turning_arm_has_both_angles():
     assert (entry.pitch_rad, entry.roll_rad) == (0.1, -0.2)
 
 
-def test_encoder_zeros_become_biases_of_the_encoders():
-    (zero,) = export_scenario(
-        Scenario(), [fitted("joint_1", 3, encoder_zero__joint_2=0.05)], "x"
-    ).scenario.hidden
-    assert (zero.name, zero.channel, zero.bias) == ("bias", "encoder_2", 0.05)
-
-
 def pressed(**more):
     """A spring of 500 N/m that the sensor first shows at 49 mm along the press."""
     return fitted("contact", 0, Surface(0.049, 1e-6), stiffness__k=500.0, damping__c=20.0, **more)
+
+
+def test_encoder_zeros_become_biases_of_the_encoders_and_move_the_surface():
+    joints = [fitted(f"joint_{n}", 3, encoder_zero__joint_2=0.05) for n in (1, 2)]
+    export = export_scenario(Scenario(), [pressed(), *joints], "x")
+    (zero,) = export.scenario.hidden
+    assert (zero.name, zero.channel, zero.bias) == ("bias", "encoder_2", 0.05)
+    taken, surface = export.left_out
+    assert "taken from joint_1" in taken
+    assert "surface_height_m" in surface
 
 
 def dead_bands(found):
