@@ -106,6 +106,7 @@ class GravityTilt(AdditiveEffect):
     gains: ClassVar[tuple[Parameter, ...]] = (Parameter("tilt", "{effort}", -1e12, 1e12, (0.001, 5.0)),)
     confused_with = {
         "bias": "move over a wide range: a bias is the same in every posture",
+        "encoder_zero": "calibrate the zeros (palpate calibrate encoder): a tilt of the base remains",
         "joint_spring": "fit all joints together (a tilt affects all of them), or move over a wide range",
         "payload": "change the posture: the torques of weight and tilt are a quarter turn out of phase",
     }

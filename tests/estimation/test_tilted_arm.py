@@ -181,6 +181,14 @@ def test_one_joint_that_presses_shows_its_own_zero():
     assert EFFECTS["encoder_zero"]().suited_to(ready).joints == (0,)
 
 
+def test_a_tilt_is_confused_with_a_zero_of_the_first_joint():
+    data, tilt, zero = swinging(1, 0.05), EFFECTS["gravity_tilt"](), EFFECTS["encoder_zero"]()
+    added = zero.suited_to(data).known(data, {"joint_1": 0.05, "joint_2": 0.0, "joint_3": 0.0})
+    np.testing.assert_allclose(added, data.effort - data.context["rigid_body_torque"], atol=1e-4)
+    assert zero.name in tilt.confused_with
+    assert tilt.name in zero.confused_with
+
+
 def test_zero_of_a_vertical_joint_changes_no_torque_in_free_air():
     effect = EFFECTS["encoder_zero"]().suited_to(swinging(1, 0.0, urdf=TURNING))
     assert [angle.name for angle in effect.inner] == ["joint_2", "joint_3"]
