@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import warnings
 import zipfile
 from collections import Counter, deque
 from collections.abc import Iterable, Mapping
@@ -113,7 +114,9 @@ def read_mat(path: Path) -> FileColumns:
         with suppress(TypeError):  # objects of MATLAB's own classes have no shape
             size = sum(8 * math.prod(shape) for _, shape, _ in whosmat(path))
         check_size(path, size)
-        content = loadmat(path, simplify_cells=True)
+        with warnings.catch_warnings():  # several objects of MATLAB's own classes share the name "None"
+            warnings.simplefilter("ignore")
+            content = loadmat(path, simplify_cells=True)
     except NotImplementedError:  # version 7.3
         content = hdf5_content(path)
     return read_groups(content, path)

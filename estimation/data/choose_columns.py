@@ -12,6 +12,7 @@ from palpate.estimation.data.column_names import (
     DISPLACEMENT,
     JOINT_QUANTITIES,
     NO_JOINT,
+    POSITION,
     TIME,
     Key,
     Role,
@@ -70,6 +71,9 @@ def choose_columns(
     is_single_joint = any(quantity in JOINT_QUANTITIES and joint == NO_JOINT for quantity, joint in known)
     if is_single_joint:  # the user named it
         named = [g for g in named if g.quantity not in JOINT_QUANTITIES or g.joint == NO_JOINT]
+    axis, by_user = known.get(POSITION), {*units.options.columns.values()}
+    if axis and axis.column in by_user and dimension_of(units.unit_of(axis)) == "length":
+        named = [g for g in named if g.key != DISPLACEMENT]  # the force moves the axis
     free = [guess for guess in named if table.numeric_share(guess.column) > 0.5]
     if any(guess.quantity == "position" for guess in free):  # a constant length is then a lever arm
         free = [guess for guess in free if guess.key != DISPLACEMENT or table.varies(guess.column)]

@@ -251,13 +251,17 @@ class ColumnUnits:
                 unit in SI["force"] or not unit
             ):
                 torque = replace(role, quantity="torque").numbered
+                length = ""
+                if not unit and role.column.lower().endswith("_rad"):  # which may stand for "radial"
+                    as_length = f"--column displacement={shlex.quote(role.column)} --unit displacement=mm"
+                    length = f"; if '{role.column}' is a length, add {as_length}"
                 what = f"'{force}' a force, not a torque; if the force acts on a lever arm of 0.1 m"
                 if not unit:
                     what = f"'{force}' states no unit of torque; if a value of 1 is a torque of 0.1 N m"
                 raise InputError(
                     f"{self.table.path}: column '{role.column}' is an angle and {what}, use --column "
                     f"{torque}={shlex.quote(force)} --unit "
-                    f"{torque}={0.1 * scale * SI['force'].get(unit, 1.0):g}Nm"
+                    f"{torque}={0.1 * scale * SI['force'].get(unit, 1.0):g}Nm{length}"
                 )
 
     def check_used(self, chosen: Chosen) -> None:

@@ -435,6 +435,9 @@ def _measured_derivative(  # noqa: PLR0917
     else:
         example = _unit_example(columns, source, ratio) if key[0] == "velocity" else ""
         wrong_unit = f"a unit is wrong; correct it with --unit{example}"
+        if TIME not in columns and key[0] == "velocity":  # rows of no stated interval count as 1 s apart
+            step = f"{1e3 / ratio:.3g}"
+            wrong_unit = f"if its unit is right, rows are {step} ms apart; then add --unit time={step}ms"
         remedy = "it has the wrong sign" if ratio < 0.0 else wrong_unit
         problem = f"is {ratio:.3g} times {rate}; {remedy}"
     notes.append(f"column '{columns.name(key)}' {problem}")

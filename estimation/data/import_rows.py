@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.control.loop.task import Phase
 from palpate.estimation.data.assign_columns import ColumnAssignment
-from palpate.estimation.data.column_names import DISPLACEMENT, FORCE, RUN, TIME
+from palpate.estimation.data.column_names import DISPLACEMENT, FORCE, RUN, TIME, Role
 from palpate.estimation.data.even_clock import spread_packets
 from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.measured_derivatives import mistaken_scale
@@ -122,7 +122,9 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
 def _interval_advice(columns: ColumnAssignment, run: IntArray) -> str:
     """Propose the interval of rows that a recorded velocity implies, if it is the same in all parts."""
     rows, names, ratios = np.argsort(run, kind="stable"), list[str](), list[float]()
-    for guess in columns.table.guesses if len(rows) >= _PARTS * _MIN_PART else ():
+    given = (Role(source.column, *key, source.unit) for key, source in columns.assigned.items())
+    roles = {role.column: role for role in (*columns.table.guesses, *given)}
+    for guess in roles.values() if len(rows) >= _PARTS * _MIN_PART else ():
         position = columns.assigned.get(("position", guess.joint))
         if guess.quantity != "velocity" or position is None or not columns.table.varies(guess.column):
             continue

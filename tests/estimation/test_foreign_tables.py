@@ -317,6 +317,14 @@ def test_joint_named_by_the_user_is_the_only_one(tmp_path):
     np.testing.assert_allclose(channel.effort, 3.0 * FORCE_N, atol=1e-5)
 
 
+def test_position_named_by_the_user_moves_by_the_force(tmp_path):
+    columns = {"Time [s]": TIME_S, "Slide [mm]": 1e3 * WAY_M, "Travel [mm]": 2.0 * WAY_M, "Load [N]": FORCE_N}
+    file = write_csv(tmp_path / "axis.csv", columns)
+    (channel,) = import_file(file, ImportOptions(columns={"position": "Slide [mm]"})).channels
+    assert channel.kind is ChannelKind.PRISMATIC
+    np.testing.assert_allclose(channel.position, WAY_M)
+
+
 def test_few_rows_before_a_clock_restart_are_left_out(tmp_path):
     path = tmp_path / "motor.csv"
     rows = lines(np.arange(600), WAY_M, FORCE_N)

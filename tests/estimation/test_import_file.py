@@ -705,6 +705,16 @@ def test_recorded_velocity_tells_the_interval_of_rows_without_a_time(tmp_path):
     assert advice().endswith("give their interval, as in --unit time=10ms")
 
 
+def test_velocity_named_by_the_user_tells_the_interval_of_rows(tmp_path):
+    t = np.arange(600) * 0.01
+    columns = {"a": np.sin(3.0 * t), "b": 3.0 * np.cos(3.0 * t), "c": np.cos(3.0 * t)}
+    names = {"position": "a", "velocity": "b", "torque": "c"}
+    units = {"position": "rad", "velocity": "rad/s", "torque": "Nm"}
+    notes = import_file(write_csv(tmp_path / "arm.csv", columns), ImportOptions(names, units)).notes
+    assert notes[0].endswith("rows are 10 ms apart according to 'b'; add --unit time=10ms")
+    assert notes[1].endswith("if its unit is right, rows are 10 ms apart; then add --unit time=10ms")
+
+
 @pytest.mark.parametrize("name", ["tick", "ticks", "stamp", "sample counter"])
 def test_counter_is_proposed_as_the_time_and_asked_for_its_unit(contact, name):
     path = contact(time_s=None, **{name: 20.0 * np.arange(len(T)), "note": T})
@@ -721,6 +731,16 @@ def test_counter_is_proposed_as_the_time_and_asked_for_its_unit(contact, name):
 def test_column_that_rises_unevenly_is_not_proposed_as_the_time(contact):
     path = contact(time_s=None, ticks=np.arange(len(T)) ** 3)
     assert any("add --column time=COLUMN" in note for note in import_file(path).notes)
+
+
+def test_radial_travel_that_looks_like_an_angle_may_be_a_length(contact):
+    path = contact(displacement_m=None, force_N=None, EXT_RAD=1e3 * X, FORCE=F)
+    with pytest.raises(InputError, match="if 'EXT_RAD' is a length, add --column displacement=EXT_RAD"):
+        import_file(path)
+    options = ImportOptions(
+        {"displacement": "EXT_RAD", "force": "FORCE"}, {"displacement": "mm", "force": "N"}
+    )
+    np.testing.assert_allclose(only(import_file(path, options)).position, X)
 
 
 @pytest.mark.parametrize("motion", ["velocity", "position"])

@@ -1,5 +1,7 @@
 """Layouts of files as testing machines write them: the longest table is read, whatever stands around it."""
 
+import warnings
+
 import numpy as np
 import openpyxl
 import pytest
@@ -106,6 +108,10 @@ def test_matlab_structs_matrices_and_cells_give_columns(tmp_path):
         import_file(tmp_path / "empty.mat")
     savemat(tmp_path / "empty.mat", {"operator": "unknown"})
     with pytest.raises(InputError, match=r"holds no vectors, only operator \(text\); a measurement"):
+        import_file(tmp_path / "empty.mat")
+    twice = (tmp_path / "empty.mat").read_bytes()
+    saved(tmp_path / "empty.mat", twice + twice[128:])  # a variable of the same name, without another header
+    with warnings.catch_warnings(action="error"), pytest.raises(InputError, match="only operator"):
         import_file(tmp_path / "empty.mat")
     savemat(tmp_path / "empty.mat", {})
     with pytest.raises(InputError, match="holds no vectors; a measurement needs"):
