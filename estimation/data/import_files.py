@@ -163,7 +163,7 @@ def _side_by_side(first: Table, further: Iterable[Table]) -> Table | None:
 def joined_by_signs(
     parts: Sequence[ImportedData], paths: Sequence[Path], options: ImportOptions
 ) -> Table | None:
-    """Join files to one table whose runs are the files; None if they have the same signs, or have runs.
+    """Join files of the same columns to one table whose runs are the files; None if their signs agree.
 
     Args:
         parts: content of each file when it is read alone.
@@ -171,7 +171,8 @@ def joined_by_signs(
         options: options for reading each file.
     """
     has_runs = options.runs is not None or RUN in options.columns
-    if has_runs or len({part.signs for part in parts if len(part.signs) == len(parts[0].signs)}) == 1:
+    is_alike = all(part.roles == parts[0].roles for part in parts)
+    if has_runs or not is_alike or len({part.signs for part in parts}) == 1:
         return None
     tables = [*read_tables(paths, options)]
     names = [table.path.name for table in tables]

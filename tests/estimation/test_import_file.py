@@ -533,6 +533,8 @@ def test_file_with_a_clear_sign_decides_for_the_others(tmp_path):
     np.testing.assert_allclose(only(imported).effort, -recorded)
     assert imported.run_labels == {0: "0.csv", 1: "1.csv"}
     assert "2 files, read as one table, because alone their signs would differ" in imported.read
+    write_csv(files[1], {name.replace("torque_Nm", "torque [Nm]"): swings[1][name] for name in swings[1]})
+    assert len(only(import_files(files, ImportOptions()))) == len(recorded)  # not joined
 
 
 def test_exactly_repeated_simulated_run_is_a_run(contact):
