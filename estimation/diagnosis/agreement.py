@@ -1,0 +1,61 @@
+"""Check that the joints of an arm agree on the parameters that all of them share."""
+
+from collections.abc import Iterator, Sequence
+from math import hypot
+
+from palpate.estimation.diagnosis.result import ChannelDiagnosis, ParameterValue
+
+# Effects with parameters of the whole arm, and the unit of these. A pendulum's tilt, in N m, is not shared.
+_OF_ARM = {"encoder_zero": "rad", "force_deadband": "N", "gravity_tilt": "rad", "payload": "kg"}
+_SIGMAS, _SHARE = 4.0, 0.1  # a contradiction is larger than this many standard errors and share of the value
+
+
+def with_contradictions(diagnosed: Sequence[ChannelDiagnosis]) -> list[ChannelDiagnosis]:
+    """State in each diagnosis the joint that contradicts a parameter of the arm with the smallest error.
+
+    Each joint is diagnosed by itself, so an effect that stands for another one can fit each joint with other
+    values. A true payload, tilt or encoder zero is the same in all joints.
+
+    Args:
+        diagnosed: diagnoses of channels of one recording.
+    """
+    by_channel = {entry.channel: _of_arm(entry) for entry in diagnosed}
+
+    def contradictions(channel: str) -> Iterator[str]:
+        for name, own in by_channel[channel].items():
+            others = [
+                (theirs[name], joint)
+                for joint, theirs in by_channel.items()
+                if name in theirs and _differ(own, theirs[name])
+            ]
+            if others:
+                other, joint = min(others, key=lambda pair: pair[0].std_err or 0.0)
+                yield (
+                    f"{name} is {_shown(own)} in {channel}, but {_shown(other)} in {joint}. All joints share "
+                    "this value, so at least one of the two effects stands for another"
+                )
+
+    return [
+        entry.model_copy(update={"contradictions": list(contradictions(entry.channel))})
+        for entry in diagnosed
+    ]
+
+
+def _of_arm(entry: ChannelDiagnosis) -> dict[str, ParameterValue]:
+    parameters = entry.final.parameters if entry.final else {}
+    return {
+        name: parameter
+        for name, parameter in parameters.items()
+        if _OF_ARM.get(name.partition(".")[0]) == parameter.unit and parameter.std_err
+    }
+
+
+def _differ(own: ParameterValue, other: ParameterValue) -> bool:
+    apart = abs(own.value - other.value)
+    larger = max(abs(own.value), abs(other.value))
+    return apart > _SHARE * larger and apart > _SIGMAS * hypot(own.std_err or 0.0, other.std_err or 0.0)
+
+
+def _shown(parameter: ParameterValue) -> str:
+    low, high = parameter.interval
+    return f"{parameter.value:.3g} ± {0.5 * (high - low):.2g} {parameter.unit}"
