@@ -33,7 +33,8 @@ from palpate.estimation.data.units import dimension_of
 from palpate.robot_io.errors import InputError
 
 # Usual units of the quantities of a channel.
-_UNITS = {"displacement": "mm", "force": "N", "position": "rad", "torque": "Nm"}
+_UNITS = {"displacement": "mm", "force": "N", "position": "rad", "velocity": "rad_s", "torque": "Nm"}
+_LINEAR_UNITS = {"position": "m", "velocity": "m_s"}
 _TOLD_BY_NUMBERS = "deg", "strain", "%"  # units that names and numbers tell
 _JOINT_WORDS = frozenset(["q", "tau", "joint", "current", "torque"])  # in names of joints' columns
 _RISES = 0.9  # least share of rows in which a clock rises; it may restart in each run
@@ -205,16 +206,18 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         needed = f"judging by names and units, no column holds a {', or a '.join(lacking)}; {needed}"
     has_effort = not found.keys().isdisjoint(EFFORTS)
     turns = "force" not in found if has_effort else "position" in found and "displacement" not in found
-    turns |= is_angle(found.get("position", ""))
+    motion_unit = unit_in_name(found.get("position", found.get("velocity", "")))
+    turns |= is_angle(found.get("position", "")) or dimension_of(motion_unit) == "angle_rate"
+    motion, units = _proposed_motion(found, turns=turns), _UNITS if turns else _UNITS | _LINEAR_UNITS
     if turns and has_effort:
         found.setdefault("torque", found.get("force", ""))
-    elif not turns and "position" in found:
+    elif motion == "displacement" and "position" in found:
         found.setdefault("displacement", found["position"])
     options = [f"--column time={shlex.quote(found['time'])}"] if "time" in found else []
     given = {key[0]: assigned.unit for key, assigned in columns.assigned.items()}
-    for quantity in ("position", "torque") if turns else ("displacement", "force"):
+    for quantity in (motion, "torque" if turns else "force"):
         if quantity not in found:  # the unit prevents a further question
-            options.append(f"--column {quantity}{'' if has_effort else '_' + _UNITS[quantity]}=COLUMN")
+            options.append(f"--column {quantity}{'' if has_effort else '_' + units[quantity]}=COLUMN")
             continue
         options.append(f"--column {quantity}={shlex.quote(found[quantity])}")
         dimension = dimension_by_name[found[quantity]]
@@ -223,8 +226,12 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         elif dimension not in QUANTITIES[quantity]:  # the leading 1 overrides the unit in the column's name
             role = Role(found[quantity], quantity)
             missing = ColumnUnits(table, NO_OPTIONS).missing({role.key: role})
-            told = (o for _, o in missing if not dimension and ("=0.0" in o or o.endswith(_TOLD_BY_NUMBERS)))
-            options.append(next(told, f"--unit {quantity}={'1' if dimension else ''}{_UNITS[quantity]}"))
+            told = (
+                o
+                for _, o in missing
+                if units[quantity] != "m" and not dimension and ("=0.0" in o or o.endswith(_TOLD_BY_NUMBERS))
+            )
+            options.append(next(told, f"--unit {quantity}={'1' if dimension else ''}{units[quantity]}"))
     proposed = explain_numbers(" ".join(options))
     if has_effort:
         return f"{needed}; name the columns, as in {proposed}"
@@ -233,6 +240,14 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         f"{needed}; if columns hold these quantities, or the command of a drive, name the columns, as in "
         f"{proposed}{interval}; if another file with the same rows holds them, give both files"
     )
+
+
+def _proposed_motion(found: Collection[str], *, turns: bool) -> str:
+    """Return the quantity to propose as the motion; a recorded velocity belongs to an axis, not a press."""
+    has_velocity = "velocity" in found and "displacement" not in found
+    if has_velocity and "position" not in found:
+        return "velocity"
+    return "position" if turns or has_velocity else "displacement"
 
 
 def _rising_share(table: Table, name: str) -> float:

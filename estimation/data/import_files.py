@@ -1,5 +1,6 @@
 """Import several data files, each with one or more runs, as one measurement."""
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -16,6 +17,7 @@ from palpate.estimation.data.import_file import ImportedData, import_table, with
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import ENDINGS, Table, read_table
 from palpate.estimation.data.table_layout import with_run
+from palpate.estimation.data.text_dialect import MIN_SIGNALS
 from palpate.estimation.data.text_table import is_prose
 from palpate.robot_io.errors import InputError
 
@@ -156,6 +158,9 @@ def _side_by_side(first: Table, further: Iterable[Table]) -> Table | None:
             if not columns.setdefault(called, column).equals(column):
                 return None
         files.append(table.path.name)
+    numbered = len({re.sub(r"\d+", "", name) for name in files}) == 1
+    if numbered and all(map(is_unnamed, first.names)) and len(first.names) >= MIN_SIGNALS:
+        return None  # runs, such as log1.txt and log2.txt
     word = f"{len(files)} files with the same rows are joined side by side: {', '.join(files)}"
     return replace(first, path=first.path.parent, columns=pa.table(columns), notes=(word, *first.notes))
 

@@ -482,6 +482,14 @@ def test_columns_without_names_are_called_after_their_file(tmp_path):
         np.testing.assert_allclose(channel.effort, 3.0 * channel.position)
 
 
+def test_numbered_logs_without_names_are_runs_of_equal_columns(tmp_path):
+    paths = [tmp_path / "log1.txt", tmp_path / "log2.txt"]
+    for number, path in enumerate(paths):
+        np.savetxt(path, np.random.default_rng(number).normal(size=(400, 3)))
+    with pytest.raises(InputError, match=r"log1\.txt: no channel can be made of columns column 1, column 2"):
+        import_files(paths, ImportOptions())
+
+
 @pytest.mark.parametrize(
     "further",
     [

@@ -298,6 +298,18 @@ def test_speeds_and_torques_of_named_motors_are_joints_and_the_proposed_units_ca
         ("time_s,tau,tauIden", "--column position=COLUMN --column torque=tau --unit torque=Nm"),
         ("time_s,Torque [Nm],temp", "--column position=COLUMN --column torque='Torque [Nm]'"),
         ("time_s,Fx,Fz,Tx,Ty,Tz", "--column displacement=COLUMN --column force=Fz --unit force=N"),
+        (
+            "time_s,pos 1,vel 1,pos 2,F 1",
+            "--column position='pos 1' --unit position=m --column force='F 1' --unit force=N",
+        ),
+        (
+            "time_s,Wheel velocity [m/s],Drive voltage [V]",
+            "--column velocity='Wheel velocity [m/s]' --column force='Drive voltage [V]'",
+        ),
+        (
+            "time_s,Speed [rad/s],Drive voltage [V]",
+            "--column velocity='Speed [rad/s]' --column torque='Drive voltage [V]' --unit torque=1Nm",
+        ),
         ("time_s,force,Frame", "--column displacement=COLUMN --column force=force --unit force=N"),
         (
             "time_ms,position_slave,force_slave,position_slave_deg,position_master_deg",
