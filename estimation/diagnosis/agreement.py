@@ -1,4 +1,4 @@
-"""Check that the joints of an arm agree on the parameters that all of them share."""
+"""What the channels of an arm say about each other."""
 
 from collections.abc import Iterator, Sequence
 from math import hypot
@@ -7,21 +7,28 @@ from palpate.estimation.diagnosis.result import ChannelDiagnosis, ParameterValue
 
 # Effects with parameters of the whole arm, and the unit of these. A pendulum's tilt, in N m, is not shared.
 _OF_ARM = {"encoder_zero": "rad", "force_deadband": "N", "gravity_tilt": "rad", "payload": "kg"}
-_SIGMAS, _SHARE = 4.0, 0.1  # a contradiction is larger than this many standard errors and share of the value
+_SIGMAS, _SHARE = 4.0, 0.1  # values differ by more than this many standard errors and share of the larger
 
 
-def with_contradictions(diagnosed: Sequence[ChannelDiagnosis]) -> list[ChannelDiagnosis]:
-    """State in each diagnosis the joint that contradicts a parameter of the arm with the smallest error.
+def with_cautions(diagnosed: Sequence[ChannelDiagnosis]) -> list[ChannelDiagnosis]:
+    """State in each diagnosis what others of the same arm contradict or make doubtful.
 
     Each joint is diagnosed by itself, so an effect that stands for another one can fit each joint with other
-    values. A true payload, tilt or encoder zero is the same in all joints.
+    values. A true payload, tilt or encoder zero is the same in all joints. Wrong encoder zeros also shift and
+    tilt the path of the tip, from which the depth of a contact is computed.
 
     Args:
         diagnosed: diagnoses of channels of one recording.
     """
     by_channel = {entry.channel: _of_arm(entry) for entry in diagnosed}
 
-    def contradictions(channel: str) -> Iterator[str]:
+    def cautions(channel: str) -> Iterator[str]:
+        wrong = [joint for joint, theirs in by_channel.items() if any(map(_is_wrong_zero, theirs.items()))]
+        if channel.startswith("contact") and wrong:
+            yield (
+                f"{', '.join(wrong)}: encoder_zero is named, so the depth of this contact, and with it the "
+                "stiffness, was computed from wrong angles; run palpate calibrate encoder and record again"
+            )
         for name, own in by_channel[channel].items():
             others = [
                 (theirs[name], joint)
@@ -35,10 +42,7 @@ def with_contradictions(diagnosed: Sequence[ChannelDiagnosis]) -> list[ChannelDi
                     "this value, so at least one of the two effects stands for another"
                 )
 
-    return [
-        entry.model_copy(update={"contradictions": list(contradictions(entry.channel))})
-        for entry in diagnosed
-    ]
+    return [entry.model_copy(update={"cautions": list(cautions(entry.channel))}) for entry in diagnosed]
 
 
 def _of_arm(entry: ChannelDiagnosis) -> dict[str, ParameterValue]:
@@ -48,6 +52,11 @@ def _of_arm(entry: ChannelDiagnosis) -> dict[str, ParameterValue]:
         for name, parameter in parameters.items()
         if _OF_ARM.get(name.partition(".")[0]) == parameter.unit and parameter.std_err
     }
+
+
+def _is_wrong_zero(named: tuple[str, ParameterValue]) -> bool:
+    name, offset = named
+    return name.startswith("encoder_zero.") and abs(offset.value) > _SIGMAS * (offset.std_err or 0.0)
 
 
 def _differ(own: ParameterValue, other: ParameterValue) -> bool:

@@ -178,8 +178,8 @@ class ChannelDiagnosis(TableDisplay, _Entry):
     differs_between_runs: str = ""  # the parameter that alone differs, with its range
     next_experiment: NextExperiment | None = None  # the most informative one; None if none would help
     no_experiment: str = ""  # states that none is expected to separate the explanations; empty otherwise
-    # Values that another joint has for the same parameter of the arm, one sentence each, without a period.
-    contradictions: list[str] = Field(default_factory=list)
+    # What other channels of the arm contradict or make doubtful, one sentence each, without a period.
+    cautions: list[str] = Field(default_factory=list)
     # How a very long recording was averaged, and why no information is lost; empty otherwise.
     averaged: str = ""
     recovers: bool = False  # whether relaxation in earlier runs is taken to have no effect

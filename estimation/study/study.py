@@ -12,7 +12,7 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.import_options import NO_OPTIONS, ImportOptions
 from palpate.estimation.design.next_experiment import LONGEST_S, NextProbe
 from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
-from palpate.estimation.diagnosis.agreement import with_contradictions
+from palpate.estimation.diagnosis.agreement import with_cautions
 from palpate.estimation.diagnosis.result import ParameterValue
 from palpate.estimation.effect import Effect
 from palpate.estimation.effects.run_differences import RunVariation
@@ -136,7 +136,7 @@ class ModelStudy(StudyFits):
                     self.take_fit(member, added, packed)
             entries = judged.channels
             probe = self.next_probe(entries, progress=progress) if plan else None
-            entries = with_contradictions(self.settle(entries, probe) if plan else entries)
+            entries = with_cautions(self.settle(entries, probe) if plan else entries)
             averaged, warnings = self.source.averaged, self.warnings
             with self._lock:
                 for member, entry in zip(chosen, entries, strict=True):

@@ -32,7 +32,7 @@ def diagnosis_verdict(diagnosis: ChannelDiagnosis) -> VerdictView:
     remarks = [] if is_explained and not has_reason else [f"Why: {_with_period(diagnosis.reason)}"]
     if differs := diagnosis.differs_between_runs:
         remarks.append(f"A different value of {differs} in each run explains the differences between runs.")
-    remarks += [f"Contradiction: {_with_period(text)}" for text in diagnosis.contradictions]
+    remarks += [f"Caution: {_with_period(text)}" for text in diagnosis.cautions]
     if diagnosis.no_experiment:
         remarks.append(_with_period(diagnosis.no_experiment[0].upper() + diagnosis.no_experiment[1:]))
     return VerdictView(str(diagnosis.verdict), _sentence(diagnosis), tuple(remarks), names)
