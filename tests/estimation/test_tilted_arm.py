@@ -129,31 +129,46 @@ def test_joint_on_a_tilted_base_is_no_pendulum():
     assert tilt.applies_to(replace(arm, context={}))  # a single joint
 
 
-@pytest.mark.parametrize("joint", [0, 1, 2])
-def test_wrong_zeros_equal_torques_of_another_posture(joint):
-    """With three zeros of up to 0.1 rad, and a tool that measures a component of the contact force."""
+SLIDING = URDF.read_text().replace('type="revolute"', 'type="prismatic"', 1)
+
+
+@pytest.mark.parametrize(("size", "tolerance"), [(1.0, 0.01), (1e-3, 1e-5)])
+@pytest.mark.parametrize(("urdf", "joint"), [(URDF, 0), (URDF, 1), (URDF, 2), (TURNING, 1), (SLIDING, 1)])
+def test_wrong_zeros_equal_torques_of_another_posture(urdf, joint, size, tolerance):
+    """The tool turns with the wrong zeros, and measures only a component of the contact force."""
     rng, count = np.random.default_rng(2), 50
     q, v, a = rng.uniform(-1.0, 1.0, (3, count, 3))
     force_n, down = rng.uniform(0.0, 20.0, count), np.tile([0.6, 0.0, -0.8], (count, 1))
-    body, zeros_rad = RigidBody.from_urdf(URDF, "tip"), np.array([0.05, -0.1, 0.08])
+    body, zeros_rad = RigidBody.from_urdf(urdf, "tip"), size * np.array([0.05, -0.1, 0.08])
+    zeros_rad *= [axis.revolute for axis in body.joint_axes()]
 
-    def torque(q, measured_share):
-        levers_m = np.array([body.tip_jacobian(row)[:3].T @ p for row, p in zip(q, down, strict=True)])
-        free_nm = body.inverse_dynamics_batch(q, v, a)
-        return free_nm[:, joint] + levers_m[:, joint] * force_n / measured_share
+    def torque(true_q):
+        turned = [
+            body.tip_pose(true)[1] @ body.tip_pose(read)[1].T for true, read in zip(true_q, q, strict=True)
+        ]
+        shares = np.einsum("ni,nij,nj->n", down, np.array(turned), down)
+        levers_m = np.array([body.tip_jacobian(row)[:3].T @ p for row, p in zip(true_q, down, strict=True)])
+        return body.inverse_dynamics_batch(true_q, v, a)[:, joint] + levers_m[:, joint] * force_n / shares
 
     context = dict(zip(("joint_position", "joint_velocity", "joint_acceleration"), (q, v, a), strict=True))
     context |= {"contact_force": force_n, "press_direction_world": down}
-    effort, run = torque(q - zeros_rad, np.cos(zeros_rad.sum())), np.zeros(count, dtype=np.int64)
+    effort, run = torque(q - zeros_rad), np.zeros(count, dtype=np.int64)
     motion = (0.01 * np.arange(count), q[:, joint], v[:, joint], a[:, joint])
     data = ChannelData(f"joint_{joint + 1}", ChannelKind.REVOLUTE, *motion, effort, run, run, context)
     data = with_rigid_body(data, body, joint)
     effect = EFFECTS["encoder_zero"]().suited_to(data)
-    added = effect.known(
-        data, {angle.name: zeros_rad[j] for angle, j in zip(effect.inner, effect.joints, strict=True)}
-    )
-    change = effort - torque(q, 1.0)
-    np.testing.assert_allclose(added, change, atol=0.01 * np.abs(change).max())
+    assert len(effect.inner) == np.sum(zeros_rad != 0.0)  # a slide has no angle
+    offsets = {angle.name: zeros_rad[j] for angle, j in zip(effect.inner, effect.joints, strict=True)}
+    change = effort - torque(q)
+    np.testing.assert_allclose(effect.known(data, offsets), change, atol=tolerance * np.abs(change).max())
+
+
+def test_joint_that_carries_no_weight_shows_no_zero():
+    q, rest, run = np.linspace(-1.0, 1.0, 5), np.zeros(5), np.zeros(5, dtype=np.int64)
+    context = {f"joint_{what}": q * (what == "position") for what in ("position", "velocity", "acceleration")}
+    alone = ChannelData("joint_1", ChannelKind.REVOLUTE, q, q, rest, rest, rest, run, run, context)
+    upright = RigidBody.from_urdf(PENDULUM.replace('"0 -1 0"', '"0 0 1"'), "probe")
+    assert not EFFECTS["encoder_zero"]().applies_to(with_rigid_body(alone, upright, 0))
 
 
 @pytest.mark.parametrize(("joint", "zeros_rad"), [(0, (0.0, 0.06, 0.0)), (2, (0.0, 0.0, -0.2))])
