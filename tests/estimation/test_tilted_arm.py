@@ -129,7 +129,8 @@ def test_joint_on_a_tilted_base_is_no_pendulum():
     assert tilt.applies_to(replace(arm, context={}))  # a single joint
 
 
-SLIDING = 'type="prismatic"'.join(URDF.read_text().rsplit('type="revolute"', 1))  # its last joint
+SLIDING = '"1 0 0"'.join(URDF.read_text().rsplit('"0 -1 0"', 1))  # the last joint moves along its link
+SLIDING = 'type="prismatic"'.join(SLIDING.rsplit('type="revolute"', 1))
 
 
 @pytest.mark.parametrize(("size", "tolerance"), [(1.0, 0.01), (1e-3, 1e-5)])
