@@ -8,6 +8,7 @@ import pyarrow.parquet
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import gaussian_filter1d
 
 from palpate.control.loop.task import Phase
@@ -17,6 +18,7 @@ from palpate.estimation.data.channels import import_streams
 from palpate.estimation.data.import_file import import_file
 from palpate.estimation.data.import_files import import_files
 from palpate.estimation.data.import_options import ImportOptions, parse_pairs
+from palpate.estimation.data.measured_derivatives import is_difference
 from palpate.estimation.data.table import read_table
 from palpate.estimation.study.source import open_source
 from palpate.robot_io.errors import InputError
@@ -168,6 +170,16 @@ def test_velocity_from_position_differences_is_derived_again(tmp_path, derive):
         error = joint.velocity - 3.0 * np.cos(3.0 * time_s)
         assert np.std(error) < 0.2 * np.std(velocity - 3.0 * np.cos(3.0 * time_s))
         assert "column 'velocity_rad_s' holds differences" in found.notes[0]
+
+
+@pytest.mark.parametrize("integrate", [True, False])
+def test_speed_whose_integral_is_the_position_is_no_difference(integrate):
+    time_s, run = np.arange(500) * 8e-3, np.zeros(500, dtype=np.int64)
+    speed = np.sin(2.0 * np.pi * time_s * (25.0 - 2.0 * time_s))  # five samples a period
+    position = cumulative_trapezoid(speed, time_s, initial=0.0)
+    column = speed if integrate else np.gradient(position, time_s)
+    smooth = np.zeros(500)  # windows that are wider than a period
+    assert is_difference(time_s, position, column, smooth, run) is not integrate
 
 
 def test_where_option_selects_rows_and_context_keeps_signals(contact):
