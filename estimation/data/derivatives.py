@@ -20,6 +20,7 @@ from math import factorial
 
 import numpy as np
 import scipy
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.signals.blocks import blocks, since_start
@@ -30,6 +31,8 @@ from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 HALF_WINDOWS = (2, 3, 4, 5, 7, 10, 14, 20, 28, 40, 56, 80)
 _TOLERANCE = 1.1  # a wider, smoother window is preferred if its error is at most 10 % larger
 _RISEN = 1.25  # ratio to the least change so far above which windows bias the motion
+_HELD = 20  # samples on each side within which a joint that is held alternates between two readings
+_MIN_MOVING = 100  # least number of other samples on which windows are compared
 _TRIALS = 4000  # samples on which windows are compared
 _ON_GRID = 0.01  # largest distance from a grid point, in steps
 _ARITHMETIC = 1e4  # floating-point spacings; smaller changes of position are floating-point errors
@@ -257,12 +260,30 @@ def _fit_windows(
     halves = [half for half in HALF_WINDOWS if 2 * half + 1 < longest or half == HALF_WINDOWS[0]]
     stride = max(1, sum(rows.stop - rows.start for rows in pieces) // _TRIALS)
     centers = [np.arange(0, rows.stop - rows.start, stride) for rows in pieces]
+    held = [_alternates(position[rows], rounding) for rows in pieces]
+    moving = [chosen[~still[chosen]] for chosen, still in zip(centers, held, strict=True)]
+    centers = moving if sum(map(len, moving)) >= _MIN_MOVING else centers
     measured = np.concatenate([position[rows][chosen] for rows, chosen in zip(pieces, centers, strict=True)])
     trials = []
     for half in halves:
         fit = local_fits(time_s, position, pieces, centers, half)
         trials.append(_WindowFit(half, rounding, measured - fit.fitted[:, 0], fit.fitted, fit.variance))
     return trials
+
+
+def _alternates(position: FloatArray, rounding: float) -> BoolArray:
+    """Return the samples around which a joint that is held alternates between two readings, shape (n,).
+
+    These readings say nothing on the motion, but windows shorter than their period follow them.
+
+    Args:
+        position: positions of one piece, shape (n,).
+        rounding: variance of the positions' quantization; 0 if there is none.
+    """
+    step, size = np.sqrt(12.0 * rounding), 2 * _HELD + 1
+    ranges = maximum_filter1d(position, size) - minimum_filter1d(position, size)
+    path = size * uniform_filter1d(np.abs(np.diff(position, append=position[-1])), size)
+    return np.asarray((np.abs(ranges - step) < 0.5 * step) & (path > 1.5 * step))
 
 
 def _pilot_window(trials: list[_WindowFit]) -> _WindowFit:

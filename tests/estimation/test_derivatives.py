@@ -126,6 +126,19 @@ def test_encoder_steps_do_not_narrow_the_window(steps):
     assert np.std(found.velocity - true) < 1.25 * min(np.std(other.velocity - true) for other in others)
 
 
+@pytest.mark.parametrize("rate_hz", [80.0, 120.0])
+def test_joint_held_between_two_counts_does_not_narrow_the_window(rate_hz):
+    t, step = np.arange(4000) * 1e-3, 2 * np.pi / 4096  # an encoder of 12 bits
+    goals = (np.array([0, 0, 400, 130, 330]) + 0.5) * step
+    x = np.convolve(np.repeat(goals, 1000), np.hanning(300) / np.hanning(300).sum())[1000:5000]
+    trembling = x + 0.2 * step * np.sin(2 * np.pi * rate_hz * t)
+    velocity = [
+        differentiate(t, np.round(seen / step) * step, ONE_PIECE(t)).velocity for seen in (x, trembling)
+    ]
+    true = np.gradient(x, t)
+    assert np.std(velocity[1] - true) < 1.5 * np.std(velocity[0] - true)
+
+
 @pytest.mark.parametrize(("missed", "half"), [(0.9, 10), (1.1, 3)])
 def test_windows_below_rounding_follow_steps_without_bending_the_motion(missed, half):
     """The velocity changes least between 4 and 5, then between 14 and 20; 4 to 7 is the wider step."""
