@@ -13,6 +13,7 @@ from palpate.estimation.data.derivatives import grid_step
 from palpate.estimation.effect import Effect, Inner, SensorEffect, forms_of
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.effects.elastic_shape import ToolCompliance
+from palpate.estimation.effects.sensor_statics import Saturation
 from palpate.estimation.fit.blocks import HEAVY
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, columns_at, linearize_inner, solve_gains
 from palpate.estimation.fit.fit_result import FitResult
@@ -41,6 +42,8 @@ _FAR_END = 0.99  # share of the upper bound above which a logarithmic parameter 
 _FAR = 10.0
 _STEP = 1e-4  # step of a finite difference, relative to the deepest indentation
 _MAX_UNSTABLE = 0.01  # tolerated share of unstable samples, since a corner of the law may be as steep
+_AT_LIMIT = 3.0  # distance from the limit, relative to the residual, within which a reading may be saturated
+_BOTH_SIDES = 0.25  # largest ratio of squared distances below and beyond the limit, predicted for such readings
 RUN_PREFIX = "run_"  # prefix of effects that vary between runs; held-out runs cannot test them as candidates
 
 # Parts of base models, and effects that have another name for this kind of channel.
@@ -307,6 +310,8 @@ def is_misnamed(effect: Effect, solution: Solution, problem: FitProblem) -> bool
         return True
     if effect.kind is Kind.SENSOR_DYNAMICS and _lowers_error_only_at_reversals(effect, solution, problem):
         return True
+    if effect.name == Saturation.name and _is_held_at_limit(solution, problem):
+        return True
     read = problem.blocked.data
     step = read.position_step or grid_step(read.position)  # a shifted motion is not on the grid
     data = replace(solution.model.moved(read, solution.parameters), position_step=step)
@@ -332,6 +337,23 @@ def _lowers_error_only_at_reversals(effect: Effect, solution: Solution, problem:
     away = problem.used & ~scipy.ndimage.binary_dilation(reverses, iterations=reach)
     without = solve_gains(problem, model.without(effect.name), solution.parameters)
     return bool(away.any() and np.sum(without.residual[away] ** 2) <= np.sum(solution.residual[away] ** 2))
+
+
+def _is_held_at_limit(solution: Solution, problem: FitProblem) -> bool:
+    """Return whether saturation imitates a force that a controller holds at one value.
+
+    The model fitted to the readings below the limit predicts the others. Errors of the measured motion move
+    the prediction of a held force to both sides of its value. A sensor cuts off only efforts beyond its limit.
+    """
+    blocked, limit = problem.blocked, solution.parameters[f"{Saturation.name}.limit"]
+    lowest = limit - _AT_LIMIT * float(np.sqrt(np.mean(solution.residual**2)))
+    below = (np.abs(blocked.reduce(blocked.data.effort)) < lowest).astype(np.float64)
+    weights = below if problem.weights is None else below * problem.weights
+    unlimited = solution.model.without(Saturation.name)
+    fitted = solve_gains(replace(problem, weights=weights), unlimited, solution.parameters)
+    at_limit = blocked.data.select(np.abs(blocked.data.effort) >= lowest)
+    beyond = np.abs(unlimited.predict(at_limit, fitted.parameters)) - limit
+    return bool(np.sum(beyond[beyond < 0.0] ** 2) > _BOTH_SIDES * np.sum(beyond[beyond > 0.0] ** 2))
 
 
 def _snaps(solution: Solution, problem: FitProblem) -> bool:

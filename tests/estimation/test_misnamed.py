@@ -8,8 +8,10 @@ import pytest
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.diagnosis import candidates
 from palpate.estimation.effects import EFFECTS
+from palpate.estimation.effects.elastic_shape import Stiffness
 from palpate.estimation.effects.inertia import Inertia
 from palpate.estimation.effects.path_memory import Backlash
+from palpate.estimation.effects.sensor_statics import Saturation
 from palpate.estimation.fit.fit_problem import solve_gains
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.model import Model
@@ -154,6 +156,23 @@ def test_end_of_a_range_is_flat_and_yielding_is_not():
     assert is_misnamed("saturation", replace(data, effort=rough), given, 0.1 * top)
     yields = np.minimum(data.effort, 0.8 * top + 0.2 * (data.effort - 0.8 * top))
     assert is_misnamed("saturation", replace(data, effort=yields + 0.1 * noise), given, 0.1 * top)
+
+
+@pytest.mark.parametrize(
+    ("error_m", "goes_on", "is_held"), [(3e-4, 0.0, True), (0.0, 0.7, False), (3e-4, 0.7, False)]
+)
+def test_force_that_a_controller_holds_is_not_saturated(error_m, goes_on, is_held):
+    top_m = 0.009  # here the force is held, or the sensor saturates while the press goes on
+    data = session(1)
+    time_s, x, v, run = data.time_s, data.position, data.velocity, data.run
+    beyond = (x - top_m).clip(0.0)
+    force = 800.0 * x.clip(0.0, top_m) + 0.02 * np.random.default_rng(5).standard_normal(len(x))
+    path = np.minimum(x, top_m) + goes_on * beyond + error_m * np.sin(9.0 * time_s)
+    data = channel(force, time_s, path, v, run)
+    problem = fit_model(data, Model("spring", (Stiffness(),)), {}).problem
+    model = Model("limited", (Stiffness(), Saturation()))
+    solution = solve_gains(problem, model, {"saturation.limit": 800.0 * top_m})
+    assert candidates.is_misnamed(model.effect("saturation"), solution, problem) is is_held
 
 
 @pytest.mark.parametrize("share", [0.0, 0.8, 0.95])
