@@ -45,6 +45,47 @@ def with_cautions(diagnosed: Sequence[ChannelDiagnosis]) -> list[ChannelDiagnosi
     return [entry.model_copy(update={"cautions": list(cautions(entry.channel))}) for entry in diagnosed]
 
 
+def replaceable_effects(diagnosed: Sequence[ChannelDiagnosis]) -> dict[str, tuple[str, str]]:
+    """Find effects for which one effect of the arm that another channel shows may stand.
+
+    One cause of two errors is simpler than two causes.
+
+    Args:
+        diagnosed: diagnoses of channels of one recording.
+
+    Returns:
+        For a channel, the named effect and the effect of the arm, which the channel cannot distinguish from
+        it and which another channel names without an alternative.
+    """
+    clear = {
+        each.effect for entry in diagnosed for each in entry.accepted if not each.confused_with
+    } & _OF_ARM.keys()
+    return {
+        entry.channel: (each.effect, min(clear.intersection(each.confused_with)))
+        for entry in diagnosed
+        for each in entry.accepted
+        if clear.intersection(each.confused_with)
+    }
+
+
+def is_shared(effect: str, entry: ChannelDiagnosis, diagnosed: Sequence[ChannelDiagnosis]) -> bool:
+    """Return whether a channel names an effect of the arm with values that agree with other channels.
+
+    Args:
+        effect: name of the effect.
+        entry: diagnosis of the channel.
+        diagnosed: diagnoses of all channels of the recording.
+    """
+    own = _of_arm(entry)
+    return effect in {each.effect for each in entry.accepted} and not any(
+        _differ(own[name], value)
+        for other in diagnosed
+        if other.channel != entry.channel
+        for name, value in _of_arm(other).items()
+        if name in own and name.startswith(f"{effect}.")
+    )
+
+
 def _of_arm(entry: ChannelDiagnosis) -> dict[str, ParameterValue]:
     parameters = entry.final.parameters if entry.final else {}
     return {

@@ -43,7 +43,9 @@ _FAR = 10.0
 _STEP = 1e-4  # step of a finite difference, relative to the deepest indentation
 _MAX_UNSTABLE = 0.01  # tolerated share of unstable samples, since a corner of the law may be as steep
 _AT_LIMIT = 3.0  # distance from the limit, relative to the residual, within which a reading may be saturated
-_BOTH_SIDES = 0.25  # largest ratio of squared distances below and beyond the limit, predicted for such readings
+_BOTH_SIDES = (
+    0.25  # largest ratio of squared distances below and beyond the limit, predicted for such readings
+)
 RUN_PREFIX = "run_"  # prefix of effects that vary between runs; held-out runs cannot test them as candidates
 
 # Parts of base models, and effects that have another name for this kind of channel.
@@ -343,7 +345,7 @@ def _is_held_at_limit(solution: Solution, problem: FitProblem) -> bool:
     """Return whether saturation imitates a force that a controller holds at one value.
 
     The model fitted to the readings below the limit predicts the others. Errors of the measured motion move
-    the prediction of a held force to both sides of its value. A sensor cuts off only efforts beyond its limit.
+    the prediction of a held force to both sides of its value. A sensor cuts off only what exceeds its limit.
     """
     blocked, limit = problem.blocked, solution.parameters[f"{Saturation.name}.limit"]
     lowest = limit - _AT_LIMIT * float(np.sqrt(np.mean(solution.residual**2)))

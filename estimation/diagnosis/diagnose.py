@@ -18,6 +18,7 @@ from palpate.estimation.diagnosis.acceptance import (
     most_parsimonious,
     smallest_sufficient_model,
 )
+from palpate.estimation.diagnosis.agreement import is_shared, replaceable_effects
 from palpate.estimation.diagnosis.bootstrap import encoder_step_error, improvement_test
 from palpate.estimation.diagnosis.candidates import effect_library
 from palpate.estimation.diagnosis.completeness import Completeness
@@ -72,6 +73,9 @@ def diagnose(
 ) -> Diagnosis:
     """Diagnose each channel; the result has one entry for each, in the order given.
 
+    If a channel cannot distinguish its effect from one of the arm that another channel shows, such as a
+    payload, it is diagnosed again without this effect.
+
     Args:
         data: one channel or several.
         model: one base model for all channels, or one for each.
@@ -92,9 +96,12 @@ def diagnose(
         )
     library = effect_library() if effects is None else tuple(effects)
     channels = with_shared_gains(channels, models)
-    seed = int(rng.integers(2**32))  # makes a channel's result independent of the other channels
-    seeds = [np.random.default_rng([seed, crc32(channel.name.encode())]) for channel in channels]
-    jobs = channels, models, repeat(library), seeds
+    seed = int(rng.integers(2**32))  # makes the random numbers of a channel independent of the other channels
+
+    def seeded(channel: ChannelData) -> np.random.Generator:
+        return np.random.default_rng([seed, crc32(channel.name.encode())])
+
+    jobs = channels, models, repeat(library), map(seeded, channels)
     with single_threaded():
         if processes == 1 or len(channels) == 1:
             diagnoses = list(map(diagnose_channel, *jobs, repeat(progress)))
@@ -106,6 +113,16 @@ def diagnose(
                 for diagnosis in results:
                     progress(f"{diagnosis.channel}: {diagnosis.verdict.value}", 1.0)
                     diagnoses.append(diagnosis)
+        replaceable = replaceable_effects(diagnoses)
+        for number, (channel, base) in enumerate(zip(channels, models, strict=True)):
+            if channel.name in replaceable:
+                left_out, shared = replaceable[channel.name]
+                others = tuple(effect for effect in library if effect.name != left_out)
+                again = diagnose_channel(channel, base, others, seeded(channel), progress)
+                if is_shared(shared, again, diagnoses) and bool(again.complete) >= bool(
+                    diagnoses[number].complete
+                ):
+                    diagnoses[number] = again
     name = "+".join(dict.fromkeys(model.name for model in models))
     return Diagnosis(file=file, model=name, channels=diagnoses)
 

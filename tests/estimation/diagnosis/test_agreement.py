@@ -1,16 +1,28 @@
-"""Joints that state different values of one parameter of the arm."""
+"""Joints that name different effects of the arm, or state different values of one of its parameters."""
 
+from dataclasses import replace
+from importlib import import_module
+
+import numpy as np
 import pytest
 
-from palpate.estimation.diagnosis import ChannelDiagnosis
+from palpate.estimation.channel import ChannelKind
+from palpate.estimation.diagnosis import ChannelDiagnosis, diagnose
 from palpate.estimation.diagnosis.agreement import with_cautions
-from palpate.estimation.diagnosis.result import FitSummary, ParameterValue
+from palpate.estimation.diagnosis.result import AcceptedEffect, FitSummary, ParameterValue
+from palpate.estimation.effects.inertia import Inertia
+from palpate.estimation.model import Model
+from tests.estimation.test_effect_form import some_channel
 
 
-def diagnosed(joint, parameter, value, std_err, unit):
+def diagnosed(joint, parameter, value, std_err, unit, alternatives=(), complete=True):
     values = {parameter: ParameterValue(value=value, std_err=std_err, unit=unit)}
-    final = FitSummary(rmse=0.1, parameters=values)
-    return ChannelDiagnosis(channel=joint, verdict="missing", reason="r", effort_unit="N m", final=final)
+    final, name = FitSummary(rmse=0.1, parameters=values), parameter.partition(".")[0]
+    text = dict.fromkeys(("physics", "equation", "signature"), "")
+    errors = {"rmse_before": 0.2, "rmse_after": 0.1, "p_value": 0.0}
+    named = AcceptedEffect(effect=name, parameters={}, confused_with=[*alternatives], **errors, **text)
+    about = {"verdict": "missing", "reason": "r", "effort_unit": "N m", "complete": complete}
+    return ChannelDiagnosis(channel=joint, final=final, accepted=[named], **about)
 
 
 @pytest.mark.parametrize(
@@ -56,3 +68,34 @@ def test_depth_of_a_contact_is_doubtful_beside_a_wrong_encoder_zero(offset, is_d
     joint = diagnosed("joint_2", "encoder_zero.joint_2", offset, 0.003, "rad")
     cautions = with_cautions([contact, joint])[0].cautions
     assert [text.partition(":")[0] for text in cautions] == ["joint_2"] * is_doubtful
+
+
+@pytest.mark.parametrize(
+    ("alternatives", "clear", "mass", "complete", "is_replaced"),
+    [
+        (["payload"], [], 0.0685, True, True),
+        (["payload"], [], 0.09, True, False),  # another payload than joint 2 carries
+        (["payload"], [], 0.0685, False, False),  # the payload alone does not explain joint 1
+        (["payload"], ["torque_gain"], 0.0685, True, False),  # joint 2 does not show the payload clearly
+        ([], [], 0.0685, True, False),  # joint 1 excludes a payload
+        (["coulomb_friction"], [], 0.0685, True, False),
+    ],
+)
+def test_effect_gives_way_to_one_of_the_arm_that_another_joint_shows(
+    monkeypatch, alternatives, clear, mass, complete, is_replaced
+):
+    zero = diagnosed("joint_1", "encoder_zero.joint_3", 0.31, 0.05, "rad", alternatives)
+    carried = {
+        "joint_1": diagnosed("joint_1", "payload.mass", mass, 5e-4, "kg", complete=complete),
+        "joint_2": diagnosed("joint_2", "payload.mass", 0.0683, 3e-4, "kg", clear),
+    }
+
+    def judge(data, model, effects, rng, progress):
+        has_zero = "encoder_zero" in {effect.name for effect in effects}
+        return zero if data.name == "joint_1" and has_zero else carried[data.name]
+
+    monkeypatch.setattr(import_module("palpate.estimation.diagnosis.diagnose"), "diagnose_channel", judge)
+    joints = [replace(some_channel(ChannelKind.REVOLUTE), name=name) for name in ("joint_1", "joint_2")]
+    first, second = diagnose(joints, Model("rigid", (Inertia(),)), rng=np.random.default_rng(1)).channels
+    assert first is (carried["joint_1"] if is_replaced else zero)
+    assert second is carried["joint_2"]
