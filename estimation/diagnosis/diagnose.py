@@ -147,6 +147,23 @@ def diagnose_channel(
         return insufficient_diagnosis(data, reason)
     search = prepare_search(data, model, usable(data), effects, rng, progress)
     checks = Completeness(search.start, search.rng)
+    evidence = _search_evidence(search, checks)
+    names = search.added_effects(evidence.end)
+    may_be_rounding = "quantisation" not in names if names else not evidence.complete
+    if may_be_rounding and (reason := _too_few_levels(search.start)):
+        return insufficient_diagnosis(data, reason)
+    if evidence.complete and not names and len(data) < _MIN_ADEQUATE:
+        reason = f"no missing effect was found, but {len(data)} samples would show only a large effect"
+        return insufficient_diagnosis(data, f"{reason}; record at least {_MIN_ADEQUATE}")
+    return decide_verdict(evidence)
+
+
+def _search_evidence(search: Search, checks: Completeness) -> Evidence:
+    """Search for missing effects and return what supports them.
+
+    If an effect of a complete model only imitates another kind, the other effects of the library are tried
+    without it.
+    """
     kinds = cache(lambda: analyze_kinds(search))
     coarse_kinds = cache(partial(analyze_kinds, search.coarse)) if search.coarse else kinds
 
@@ -166,16 +183,13 @@ def diagnose_channel(
         evidence = evidence_of(*accept_forms(search, kinds(), end, checks.measurement))
         end = evidence.end
     while name := effect_without_gain(evidence) or imitating_effect(search, end):
+        if evidence.complete and name == imitating_effect(search, end):
+            others = _search_evidence(search.excluding(name), checks)
+            if others.complete and search.added_effects(others.end):
+                return others
         end = search.without(end, name)
         evidence = evidence_of(end, form_tests(kinds(), end))
-    names = search.added_effects(end)
-    may_be_rounding = "quantisation" not in names if names else not evidence.complete
-    if may_be_rounding and (reason := _too_few_levels(search.start)):
-        return insufficient_diagnosis(data, reason)
-    if evidence.complete and not names and len(data) < _MIN_ADEQUATE:
-        reason = f"no missing effect was found, but {len(data)} samples would show only a large effect"
-        return insufficient_diagnosis(data, f"{reason}; record at least {_MIN_ADEQUATE}")
-    return decide_verdict(evidence)
+    return evidence
 
 
 def _find_effects(

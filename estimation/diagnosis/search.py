@@ -84,6 +84,16 @@ class Search:
         """The fitted base model."""
         return self.fitted(self.model, {})
 
+    def excluding(self, name: str) -> "Search":
+        """Return a search without one effect of the library, which keeps the fitted models.
+
+        Args:
+            name: name of the effect.
+        """
+        others = tuple(effect for effect in self.effects if effect.name != name)
+        coarse, kept = self.coarse and self.coarse.excluding(name), (self._cache, self._fits)
+        return Search(self.data, self.model, self.good, others, self.rng, self.progress, coarse, *kept)
+
     def added_effects(self, fit: FitResult) -> list[str]:
         """Return the names of a model's effects that are not in the base model.
 

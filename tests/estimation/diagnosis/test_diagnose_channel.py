@@ -88,6 +88,18 @@ FLOW = {  # what is true of a channel: what is answered
     "only one effect bears a name": ({"beside": {"base": ["s"]}, "complete": False}, ("s", False)),
     "an effect gains nothing in the shown steps": ({"found": "a+b", "idle": {"a+b": "b"}}, ("a", True)),
     "an effect imitates another kind": ({"found": "a+b", "imitating": {"a+b": "b"}}, ("a", True)),
+    "other effects explain as much without it": (
+        {"found": "a+b", "imitating": {"a+b": "b"}, "excluding": {"b": "a+c"}},
+        ("a+c", True),
+    ),
+    "one of these imitates, too": (
+        {"found": "b", "imitating": {"b": "b", "c": "c"}, "excluding": {"b": "c", "c": "d"}},
+        ("d", True),
+    ),
+    "an effect of an incomplete model imitates": (
+        {"found": "a+b", "imitating": {"a+b": "b"}, "excluding": {"b": "a+c"}, "complete": False},
+        ("a", False),
+    ),
     "a minimum that the shown steps miss": ({"found": "a", "missed": ("a",)}, ("a", False)),
     "it cannot say": ({"refused": "too short"}, "too short"),
 }  # fmt: skip
@@ -121,7 +133,7 @@ def test_channel_is_searched_reduced_and_reported(name, monkeypatch):
 
     def searching(tried, is_complete, sufficient, forms):
         assert not given.get("exact")  # nothing is left to be searched for
-        return found
+        return tried.found
 
     def fitted(model, parameters):
         return model
@@ -129,6 +141,14 @@ def test_channel_is_searched_reduced_and_reported(name, monkeypatch):
     search = SimpleNamespace(
         start=base, coarse=None, rng=None, fitted=fitted, is_better=lambda one, other: one < other
     )
+    search.found = found
+
+    def excluding(name):
+        others = SimpleNamespace(**vars(search))
+        others.found = _Named(given.get("excluding", {}).get(name, "base"))
+        return others
+
+    search.excluding = excluding
     search.replace_implausible = lambda fit: fit
     beside = given.get("beside", {})
     search.screen = lambda one: [SimpleNamespace(possible=True, model=model) for model in beside.get(one, [])]

@@ -52,6 +52,18 @@ def test_candidate_is_judged_with_refitted_parameters_of_the_others(cycles):
     assert error_with_adapted_inner == pytest.approx(whole.solution.held_out, rel=0.1)
 
 
+def test_search_without_an_effect_tries_the_others_and_keeps_the_fits():
+    search = searched(all_swings(1, rippling), "coulomb_friction", "torque_ripple", "bias")
+    end, (first, *_) = reached(search, "coulomb_friction"), search.screen(search.start)
+    others = search.excluding(first.effect.name)
+    for one in (others, others.coarse):
+        tried = {candidate.effect.name for candidate in one.screen(one.start)}
+        assert tried == {"coulomb_friction", "torque_ripple", "bias"} - {first.effect.name}
+    assert others.start is search.start
+    assert others.fitted(end.solution.model, {}) is end
+    assert first in search.screen(search.start)
+
+
 @pytest.mark.parametrize(("backward", "expected"), [(0.3, "coulomb_friction"), (0.15, "asymmetric_friction")])
 @pytest.mark.parametrize("is_as_complete", [True, False])
 def test_simplest_law_is_named_where_data_and_residual_allow(backward, expected, is_as_complete):
