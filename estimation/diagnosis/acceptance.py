@@ -101,6 +101,10 @@ def accept_effects(
         measurement: how motion and effort were measured.
         is_complete: whether a model counts as complete.
     """
+    # Bootstrap samples contain smoothing errors: an effect that explains these makes others look random.
+    for name in reversed(_effects_by_importance(search, fit)):
+        reduced = search.without(fit, name)
+        fit = reduced if is_smoothing(reduced, fit) else fit
     if not search.added_effects(fit) or not search.is_sensible(fit):
         return search.start
     sufficient = smallest_sufficient_model(search, fit, measurement)

@@ -291,6 +291,15 @@ def test_smallest_sufficient_part_of_a_model_is_selected(refused):
     assert [names(before) for before, after, _ in asked if after is end] == [set(), {SPRING}]
 
 
+def test_effect_of_smoothing_does_not_hide_another(refused, monkeypatch):
+    """Bootstrap samples of a model improve as much by an effect that explains errors of smoothing."""
+    law = "a spring and a friction"
+    search, end = searched_law(law), reached_in(law, SPRING, RUB)
+    monkeypatch.setattr(module, "is_smoothing", lambda before, fit: names(fit) - names(before) == {RUB})
+    refused(lambda before, after: RUB not in names(after))
+    assert names(accept_effects(search, end, measured(search), lambda fit: True)) == {SPRING}
+
+
 def test_no_form_is_named_if_noise_around_the_base_model_improves_as_much(refused):
     law = "a friction and what nobody knows"
     refused()
