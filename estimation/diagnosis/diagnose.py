@@ -182,8 +182,8 @@ def _search_evidence(search: Search, checks: Completeness) -> Evidence:
         checks.incomplete.add(end)
         evidence = evidence_of(*accept_forms(search, kinds(), end, checks.measurement))
         end = evidence.end
-    while name := effect_without_gain(evidence) or imitating_effect(search, end):
-        if evidence.complete and name == imitating_effect(search, end):
+    while name := (without_gain := effect_without_gain(evidence)) or imitating_effect(search, end):
+        if evidence.complete and not without_gain:
             others = _search_evidence(search.excluding(name), checks)
             if others.complete and search.added_effects(others.end):
                 return others

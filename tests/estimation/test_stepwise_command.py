@@ -98,7 +98,7 @@ def test_runs_of_any_length_are_accepted(count):
     assert not is_stepwise_command(data.select(np.arange(count)))
 
 
-@pytest.mark.parametrize("levels", [np.arange(3.0, 13.0), (1.5, -0.7)])
+@pytest.mark.parametrize("levels", [np.arange(3.0, 13.0), np.arange(3.0, 30.0), (1.5, -0.7)])
 def test_an_effort_that_is_constant_in_each_run_is_a_command(levels):
     """A motor starts from rest at several voltages, one run for each."""
     t = np.tile(np.arange(100) * 0.02, len(levels))
