@@ -312,6 +312,17 @@ class SensorEffect(Effect):
             inner: values of the inner parameters by name.
         """
 
+    def remaining(self, data: ChannelData, inner: Inner) -> FloatArray | None:
+        """Return what is left in the readings from before each run, shape (n,); None if nothing can be.
+
+        It is added to the result of `sense`.
+
+        Args:
+            data: the channel; the first readings of each run show the state of the sensor.
+            inner: values of the inner parameters by name.
+        """
+        return None
+
     def run_deviations(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         """Return the changes of the reading by one standard deviation of what differs between runs, (n, k).
 
@@ -327,7 +338,7 @@ class SensorEffect(Effect):
     def follow(
         self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the results of `slope` and of `sense`, which often share computations.
+        """Return the results of `slope`, and of `sense` with what remains; both often share computations.
 
         Args:
             effort: true effort, shape (n,).
@@ -337,7 +348,8 @@ class SensorEffect(Effect):
         """
         if self.linear:
             sensed = self.sense(np.column_stack([columns, effort]), data, inner)
-            return sensed[:, :-1], sensed[:, -1]
+            remaining = self.remaining(data, inner)
+            return sensed[:, :-1], sensed[:, -1] if remaining is None else sensed[:, -1] + remaining
         return self.slope(effort, columns, data, inner), self.sense(effort, data, inner)
 
     def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:

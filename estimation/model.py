@@ -161,8 +161,7 @@ class Model:
             raise InputError(f"model '{self.name}' is not linear in its gains: use predict()")
         columns, known = self.parts(data, inner)
         for sensor in self.sensors:
-            sensed = sensor.sense(np.column_stack([columns, known]), data, own_parameters(sensor, inner))
-            columns, known = sensed[:, :-1], sensed[:, -1]
+            columns, known = sensor.follow(known, columns, data, own_parameters(sensor, inner))
         units = self.units(data)[: len(self.gains)]
         return Regression(columns, data.effort - known, tuple(self.gains), units, data.run)
 
@@ -206,7 +205,9 @@ class Model:
         """
         _, effort = self._object_effort(parts, parameters, self.lift_off_rows(data, parameters, parts))
         for sensor in self.sensors:
-            effort = sensor.sense(effort, data, own_parameters(sensor, parameters))
+            inner = own_parameters(sensor, parameters)
+            effort, remaining = sensor.sense(effort, data, inner), sensor.remaining(data, inner)
+            effort = effort if remaining is None else effort + remaining
         return effort
 
     def inner_slopes(

@@ -10,7 +10,7 @@ models, Biometrika 62 (1975) 57). `RivalModels.predicted_leads` computes it with
 `RivalModels.simulated_leads` simulates the noise and refits all models with their inner parameters.
 """
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +22,7 @@ from palpate.estimation.fit.fit_result import FitResult, fit_model
 from palpate.estimation.fit.inner_search import refine_inner, search_inner
 from palpate.estimation.fit.measurement_model import shuffle_noise
 from palpate.estimation.fit.samples import slopes_of
+from palpate.estimation.model import Model
 from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.robot_io.types import BoolArray, FloatArray
 
@@ -141,13 +142,22 @@ def _refit_globally(
 def _expected(rival: FitResult, motion: ChannelData) -> FloatArray:
     """Return the effort that a rival predicts for a motion, shape (n,)."""
     model, parameters = rival.solution.model, rival.solution.parameters
-    return model.predict(with_load(motion, model, parameters), parameters)
+    return model.predict(_settled(with_load(motion, model, parameters), model, parameters), parameters)
+
+
+def _settled(motion: ChannelData, model: Model, parameters: Mapping[str, float]) -> ChannelData:
+    """Return a motion with the first readings of sensors that have settled; a planned motion has none."""
+    if not model.sensors:
+        return motion
+    before_sensors = model.without(*(sensor.name for sensor in model.sensors))
+    return replace(motion, effort=before_sensors.predict(motion, parameters))
 
 
 def _slopes(rival: FitResult, motion: ChannelData) -> FloatArray:
     """Return the derivative of a rival's prediction by each parameter, scaled to unit norm, shape (n, p)."""
     model, parameters = rival.solution.model, rival.solution.parameters
-    slopes = slopes_of(model, with_load(motion, model, parameters), parameters)
+    settled = _settled(with_load(motion, model, parameters), model, parameters)
+    slopes = slopes_of(model, settled, parameters)
     scaled: FloatArray = slopes / np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
     return scaled
 

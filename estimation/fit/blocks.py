@@ -131,6 +131,20 @@ class BlockedData:
         key = IdentityKey(effect), IdentityKey(load), *inner.values(), *acting_key
         return self.cache.get_or_compute(key, compute, load)
 
+    def remaining(self, model: Model, parameters: Parameters) -> FloatArray:
+        """Return the means (m,) of what is left in the readings from before each run, see `SensorEffect`.
+
+        Args:
+            model: the model, whose sensor effects must be linear.
+            parameters: inner parameters of the model by "effect.parameter".
+        """
+        total = np.zeros(len(self.data))
+        for sensor in model.sensors:
+            if not sensor.pointwise:
+                own = own_parameters(sensor, parameters)
+                total = sensor.follow(total, np.empty((len(total), 0)), self.data, own)[1]
+        return self.reduce(total)
+
     def _load_of(self, *effects: Effect) -> FloatArray | None:
         """Return the load (n,), which depends on the model; None if no effect needs it."""
         return self.data.context[LOAD] if any(LOAD in effect.needs for effect in effects) else None

@@ -128,15 +128,14 @@ def is_stepwise_command(data: ChannelData) -> bool:
     Args:
         data: the channel.
     """
-    levels = np.unique(data.effort)
-    if data.is_command or data.kind is ChannelKind.CONTACT:
+    levels, is_constant = np.unique(data.effort), is_constant_in_runs(data)
+    has_many = len(levels) > FEW_LEVELS and not is_constant
+    if data.is_command or data.kind is ChannelKind.CONTACT or has_many:
         return data.is_command
-    if is_constant_in_runs(data):
+    if is_constant:
         speeds = [data.velocity[rows] for rows in rows_of_runs(data.run)]
         accelerates = [np.ptp(speed) > _HALF * np.max(np.abs(speed)) for speed in speeds]
         return len(levels) > 1 and bool(np.mean(accelerates) > _HALF)
-    if len(levels) > FEW_LEVELS:
-        return False
     distances = np.diff(levels)
     in_steps = distances / distances.min()
     is_off_grid = (

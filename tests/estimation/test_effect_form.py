@@ -109,7 +109,9 @@ def test_slopes_and_reading_at_once_match_those_of_each(name):
     columns = np.column_stack([data.position, data.velocity])
     slopes, reading = effect.follow(data.effort, columns, data, inner)
     np.testing.assert_allclose(slopes, effect.slope(data.effort, columns, data, inner), rtol=1e-12)
-    np.testing.assert_allclose(reading, effect.sense(data.effort, data, inner), rtol=1e-12)
+    remaining = effect.remaining(data, inner)
+    expected = effect.sense(data.effort, data, inner) + (0.0 if remaining is None else remaining)
+    np.testing.assert_allclose(reading, expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize("name", [n for n, e in EFFECTS.items() if getattr(e, "pointwise", False)])

@@ -1,0 +1,76 @@
+"""A sensor that follows late, in recordings that begin while the arm moves."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.design.discrimination import RivalModels
+from tests.estimation.searches import ROTOR, reached, searched
+
+INERTIA, DAMPING, NOISE_NM = 0.2, 0.5, 1e-3
+
+
+def motion(t, phase):
+    """Angle, velocity and acceleration of a rotor that never rests."""
+    slow, fast = 4.0 * t + phase, 11.0 * t + 3.0 * phase
+    return (
+        np.sin(slow) + 0.2 * np.sin(fast),
+        4.0 * np.cos(slow) + 2.2 * np.cos(fast),
+        -16.0 * np.sin(slow) - 24.2 * np.sin(fast),
+    )
+
+
+def torque(t, phase):
+    _, velocity, acceleration = motion(t, phase)
+    return INERTIA * acceleration + DAMPING * velocity
+
+
+def lagging(t, phase, tau_s=0.15):
+    """Reading of a first-order sensor that has followed the torque for five seconds, by integration."""
+    ends = t[0] - 5.0, t[-1]
+    moved = solve_ivp(
+        lambda at, y: (torque(at, phase) - y) / tau_s, ends, [0.0], t_eval=t, rtol=1e-9, atol=1e-9
+    )
+    return moved.y[0]
+
+
+def late(t, phase, delay_s=0.1):
+    return torque(t - delay_s, phase)
+
+
+def recording(read, runs=4):
+    """Runs of 2 s of a moving rotor; the reading of its torque is `read(time, phase)`."""
+    t, phases = np.tile(np.arange(0.0, 2.0, 0.005), (runs, 1)), 1.5 * np.arange(runs)[:, None]
+    effort = np.concatenate([read(times, phase) for times, phase in zip(t, phases[:, 0], strict=True)])
+    effort += np.random.default_rng(4).normal(0.0, NOISE_NM, len(effort))
+    run = np.repeat(np.arange(runs), t.shape[1])
+    signals = t.ravel(), *(each.ravel() for each in motion(t, phases))
+    return ChannelData("joint_1", ChannelKind.REVOLUTE, *signals, effort, run, np.full(len(run), -1))
+
+
+@cache
+def fitted(name):
+    read = {"lag": lagging, "delay": late}[name]
+    return reached(searched(recording(read), name, base=ROTOR), name)
+
+
+@pytest.mark.parametrize(("name", "parameter", "truth"), [("lag", "tau", 0.15), ("delay", "time", 0.1)])
+def test_late_sensor_is_recovered_although_each_run_begins_in_motion(name, parameter, truth):
+    fit = fitted(name)
+    assert fit.parameters[f"{name}.{parameter}"].value == pytest.approx(truth, rel=5e-3)
+    assert fit.parameters["inertia.m"].value == pytest.approx(INERTIA, rel=5e-3)
+    assert fit.parameters["viscous_friction.d"].value == pytest.approx(DAMPING, rel=5e-3)
+    assert fit.rmse < 1.05 * NOISE_NM
+
+
+def test_planned_motion_begins_with_a_settled_sensor():
+    """It has no readings; zero in their place would leave a transient that no experiment shows."""
+    data = recording(lagging)
+    search = searched(data, "lag", "delay", base=ROTOR)
+    rivals = RivalModels.of([reached(search, name) for name in ("lag", "delay")])
+    planned = replace(data, effort=np.zeros(len(data)))
+    np.testing.assert_allclose(rivals.predicted_leads(planned), rivals.predicted_leads(data), atol=0.02)
