@@ -43,8 +43,8 @@ from palpate.estimation.diagnosis.search import (
 from palpate.estimation.diagnosis.verdict import (
     Evidence,
     decide_verdict,
-    effect_without_gain,
     insufficient_diagnosis,
+    unreached_effect,
 )
 from palpate.estimation.effect import Effect
 from palpate.estimation.estimate import with_unit
@@ -182,8 +182,8 @@ def _search_evidence(search: Search, checks: Completeness) -> Evidence:
         checks.incomplete.add(end)
         evidence = evidence_of(*accept_forms(search, kinds(), end, checks.measurement))
         end = evidence.end
-    while name := (without_gain := effect_without_gain(evidence)) or imitating_effect(search, end):
-        if evidence.complete and not without_gain:
+    while name := (unreached := unreached_effect(evidence)) or imitating_effect(search, end):
+        if evidence.complete and not unreached:
             others = _search_evidence(search.excluding(name), checks)
             if others.complete and search.added_effects(others.end):
                 return others

@@ -220,18 +220,20 @@ class Evidence:
         return [self.residual_finding.depends_on] if self.residual_finding else self.end.depends_on
 
 
-def effect_without_gain(evidence: Evidence) -> str | None:
-    """Return the last effect if its addition does not lower the held-out error that users see; else None.
+def unreached_effect(evidence: Evidence) -> str | None:
+    """Return an effect that the steps that users see do not reach as the search found it; else None.
 
-    The search may have found a minimum that cannot be reached from the simpler model.
+    The search may have found a minimum that cannot be reached from the simpler model. The last effect then
+    does not lower the held-out error, or the parameters of an effect are impossible or contradict its name.
 
     Args:
         evidence: result of the search, with the tests of the final model.
     """
-    if len(evidence.stages) < 2 or evidence.stages[-1].rmse < evidence.stages[-2].rmse:
-        return None
-    before, after = ({effect.name for effect in fit.model.effects} for fit in evidence.stages[-2:])
-    return (after - before).pop()
+    search, shown = evidence.search, evidence.stages[-1]
+    if len(evidence.stages) > 1 and shown.rmse >= evidence.stages[-2].rmse:
+        before, after = ({effect.name for effect in fit.model.effects} for fit in evidence.stages[-2:])
+        return (after - before).pop()
+    return next((name for name in search.added_effects(shown) if not search.is_sound(shown, name)), None)
 
 
 def insufficient_diagnosis(data: ChannelData, reason: str) -> ChannelDiagnosis:

@@ -1,7 +1,5 @@
 """Sensor dynamics and drift: delay, lag and a drifting zero."""
 
-from abc import abstractmethod
-
 import numpy as np
 
 from palpate.estimation.channel import ChannelData
@@ -23,39 +21,7 @@ from palpate.estimation.signals.runwise import longest_run, sample_time, shift
 from palpate.robot_io.types import FloatArray
 
 
-class _LateReading(SensorEffect):
-    """A sensor whose first readings in each run belong to motion before the run.
-
-    This motion is unknown if a recording begins while the arm moves. The first reading shows what it left.
-    """
-
-    linear = True
-
-    def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `SensorEffect.sense`: as if the effort had been zero before each run."""
-        starts, run = block_index(data.run)
-        left = self._left(data, inner).reshape(-1, *[1] * (effort.ndim - 1))
-        return self._settled(effort, data, inner) - left * effort[starts][run]
-
-    def remaining(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `SensorEffect.remaining`: what is left of each run's first reading."""
-        starts, run = block_index(data.run)
-        return self._left(data, inner) * data.effort[starts][run]
-
-    def _left(self, data: ChannelData, inner: Inner) -> FloatArray:
-        starts, run = block_index(data.run)
-        return self._share_left(data.time_s - data.time_s[starts][run], inner)
-
-    @abstractmethod
-    def _settled(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """Return the reading, in the shape of the effort, if each run began after a constant effort."""
-
-    @abstractmethod
-    def _share_left(self, since_s: FloatArray, inner: Inner) -> FloatArray:
-        """Return the share (n,) of the effort before a run in the readings, by the time since its start."""
-
-
-class Delay(_LateReading):
+class Delay(SensorEffect):
     """reading(t) = effort(t - T); T may be a fraction of a sample, as between multiplexed converters.
 
     |T| is plausible up to half of the longest run. T < 0 (the motion is delayed against the effort) is
@@ -78,12 +44,10 @@ class Delay(_LateReading):
         "damping": "hold and probe at two speeds",
         "viscous_friction": "move at two speeds with the same acceleration",
     }
+    linear = True
 
-    def _settled(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+    def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         return shift(effort, data.time_s, data.run, inner["time"])
-
-    def _share_left(self, since_s: FloatArray, inner: Inner) -> FloatArray:
-        return np.clip(1.0 - since_s / inner["time"], 0.0, 1.0) if inner["time"] > 0.0 else 0.0 * since_s
 
     def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
         """See `Effect.is_misnamed`: readings lead by over a sample, or are off by half of the longest run.
@@ -102,7 +66,7 @@ class Delay(_LateReading):
         return start_grid(time=step * np.array((*-early[::-1], 0.0, *late)))
 
 
-class Lag(_LateReading):
+class Lag(SensorEffect):
     name = "lag"
     kind = Kind.SENSOR_DYNAMICS
     physics = "A filter in the sensor smooths and delays its readings."
@@ -116,12 +80,25 @@ class Lag(_LateReading):
         "damping": "hold and probe at two speeds",
         "inertia": "move at two frequencies",
     }
+    linear = True
 
-    def _settled(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        return low_pass(effort, data.time_s, data.run, inner["tau"])
+    def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `SensorEffect.sense`: as if the effort had been zero before each run."""
+        starts, run = block_index(data.run)
+        left = self._left(data, inner).reshape(-1, *[1] * (effort.ndim - 1))
+        return low_pass(effort, data.time_s, data.run, inner["tau"]) - left * effort[starts][run]
 
-    def _share_left(self, since_s: FloatArray, inner: Inner) -> FloatArray:
-        return np.exp(-since_s / inner["tau"])
+    def remaining(self, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `SensorEffect.remaining`: what is left of each run's first reading.
+
+        It shows what the motion before the run left, which is unknown if a recording begins in motion.
+        """
+        starts, run = block_index(data.run)
+        return self._left(data, inner) * data.effort[starts][run]
+
+    def _left(self, data: ChannelData, inner: Inner) -> FloatArray:
+        starts, run = block_index(data.run)
+        return np.exp((data.time_s[starts][run] - data.time_s) / inner["tau"])
 
     def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
         """See `Effect.is_misnamed`: most readings belong to motion before the run began."""

@@ -170,7 +170,7 @@ def test_channel_is_searched_reduced_and_reported(name, monkeypatch):
         "named_forms": lambda *_: SimpleNamespace(solution=SimpleNamespace(model=rough, parameters={})),
         "accept_forms": lambda tried, kinds, one, *_: (one, []),
         "_accept": lambda tried, one, judge, kinds: (one, []),
-        "effect_without_gain": lambda one: given.get("idle", {}).get(one.end),
+        "unreached_effect": lambda one: given.get("idle", {}).get(one.end),
         "imitating_effect": lambda search, end: given.get("imitating", {}).get(end),
         "form_tests": lambda *_: [],
         "_too_few_levels": lambda _: given.get("step"),

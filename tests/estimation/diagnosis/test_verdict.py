@@ -21,12 +21,13 @@ from palpate.estimation.diagnosis import diagnose, verdict
 from palpate.estimation.diagnosis.forms import Form, analyze_kinds
 from palpate.estimation.diagnosis.residual_checks import ResidualFinding
 from palpate.estimation.diagnosis.result import ParameterValue, Verdict
+from palpate.estimation.diagnosis.search import Search
 from palpate.estimation.diagnosis.verdict import (
     Evidence,
     _describe_motion_error,
     decide_verdict,
-    effect_without_gain,
     insufficient_diagnosis,
+    unreached_effect,
 )
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import final_solution, fit_model
@@ -443,10 +444,16 @@ def test_at_most_three_candidates_are_fitted_alone():
     assert set(evidence.single_effects) <= {candidate.effect.name for candidate in possible}
 
 
-@pytest.mark.parametrize(("newtons", "name"), [(0.1, None), (0.0, "coulomb_friction")])
-def test_effect_has_no_gain_where_the_extended_model_changes_nothing(swung, monkeypatch, newtons, name):
+@pytest.mark.parametrize(
+    ("newtons", "unsound", "name"),
+    [(0.1, None, None), (0.0, None, "coulomb_friction"), (0.1, "joint_spring", "joint_spring")],
+)
+def test_effect_is_not_reached_without_gain_or_with_impossible_parameters(
+    swung, monkeypatch, newtons, unsound, name
+):
     """As where the step ends in another minimum than the search: the friction that is there stays at zero."""
     search, end, measurement = swung
+    monkeypatch.setattr(Search, "is_sound", lambda search, fit, effect: effect != unsound)
     evidence = Evidence(search, measurement, end, complete=True, residual_finding=None)
 
     def step(fit, added):
@@ -455,5 +462,5 @@ def test_effect_has_no_gain_where_the_extended_model_changes_nothing(swung, monk
         return fit_model(search.data, replace(model, held=held), fit.values, search.good)
 
     monkeypatch.setattr(Evidence, "extended", lambda evidence, fit, added: step(fit, added))
-    assert effect_without_gain(evidence) == name
-    assert effect_without_gain(Evidence(search, measurement, search.start, True, None)) is None
+    assert unreached_effect(evidence) == name
+    assert unreached_effect(Evidence(search, measurement, search.start, True, None)) is None
