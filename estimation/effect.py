@@ -312,13 +312,14 @@ class SensorEffect(Effect):
             inner: values of the inner parameters by name.
         """
 
-    def remaining(self, data: ChannelData, inner: Inner) -> FloatArray | None:
-        """Return what is left in the readings from before each run, shape (n,); None if nothing can be.
+    def initial_response(self, data: ChannelData, inner: Inner) -> FloatArray | None:
+        """Return the part of the readings that the effort before each run causes, shape (n,).
 
-        It is added to the result of `sense`.
+        It is added to the result of `sense`, which starts each run from zero state. A sensor without such a
+        state returns None.
 
         Args:
-            data: the channel; the first readings of each run show the state of the sensor.
+            data: the channel; the first reading of each run shows the state of the sensor.
             inner: values of the inner parameters by name.
         """
         return None
@@ -338,7 +339,7 @@ class SensorEffect(Effect):
     def follow(
         self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the results of `slope`, and of `sense` with what remains; both often share computations.
+        """Return the results of `slope`, and of `sense` with the initial response, which share computations.
 
         Args:
             effort: true effort, shape (n,).
@@ -348,8 +349,8 @@ class SensorEffect(Effect):
         """
         if self.linear:
             sensed = self.sense(np.column_stack([columns, effort]), data, inner)
-            remaining = self.remaining(data, inner)
-            return sensed[:, :-1], sensed[:, -1] if remaining is None else sensed[:, -1] + remaining
+            initial = self.initial_response(data, inner)
+            return sensed[:, :-1], sensed[:, -1] if initial is None else sensed[:, -1] + initial
         return self.slope(effort, columns, data, inner), self.sense(effort, data, inner)
 
     def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:

@@ -206,8 +206,8 @@ class Model:
         _, effort = self._object_effort(parts, parameters, self.lift_off_rows(data, parameters, parts))
         for sensor in self.sensors:
             inner = own_parameters(sensor, parameters)
-            effort, remaining = sensor.sense(effort, data, inner), sensor.remaining(data, inner)
-            effort = effort if remaining is None else effort + remaining
+            effort, initial = sensor.sense(effort, data, inner), sensor.initial_response(data, inner)
+            effort = effort if initial is None else effort + initial
         return effort
 
     def inner_slopes(

@@ -10,7 +10,7 @@ models, Biometrika 62 (1975) 57). `RivalModels.predicted_leads` computes it with
 `RivalModels.simulated_leads` simulates the noise and refits all models with their inner parameters.
 """
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +22,6 @@ from palpate.estimation.fit.fit_result import FitResult, fit_model
 from palpate.estimation.fit.inner_search import refine_inner, search_inner
 from palpate.estimation.fit.measurement_model import shuffle_noise
 from palpate.estimation.fit.samples import slopes_of
-from palpate.estimation.model import Model
 from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.robot_io.types import BoolArray, FloatArray
 
@@ -60,9 +59,12 @@ class RivalModels:
         planned_blocks, good = _block_averages(planned)
         combined = joined_channels((self.data, planned_blocks))
         used = np.concatenate([self.good, good])
-        is_new = (np.arange(len(combined)) >= len(self.data))[used]
-        expected = [_expected(fit, combined)[used] for fit in self.fits]
-        tangents = [np.linalg.qr(_slopes(fit, combined)[used])[0] for fit in self.fits]
+        is_planned = np.arange(len(combined)) >= len(self.data)
+        is_new = is_planned[used]
+        settled = [_settled(fit, combined, is_planned) for fit in self.fits]
+        expected = [_expected(fit, motion)[used] for fit, motion in zip(self.fits, settled, strict=True)]
+        slopes = [_slopes(fit, motion)[used] for fit, motion in zip(self.fits, settled, strict=True)]
+        tangents = [np.linalg.qr(columns)[0] for columns in slopes]
         squared_errors = np.empty((len(self.fits),) * 2)
         for true_index, effort in enumerate(expected):
             measured = np.where(is_new, effort, combined.effort[used])
@@ -88,7 +90,8 @@ class RivalModels:
         shared = set.intersection(*({e.name for e in fit.solution.model.effects} for fit in self.fits))
         leads = np.zeros((len(self.fits),) * 2)
         for true_index, true_model in enumerate(self.fits):
-            effort = _expected(true_model, planned_blocks) + shuffle_noise(noise, planned_blocks.run, rng)
+            settled = _settled(true_model, planned_blocks, np.ones(len(planned_blocks), dtype=np.bool_))
+            effort = _expected(true_model, settled) + shuffle_noise(noise, planned_blocks.run, rng)
             data, cache = joined_channels((self.data, replace(planned_blocks, effort=effort))), FitCache()
             refits = (_refit_globally(data, fit, shared, used, cache) for fit in self.fits)
             squared_errors = np.array([fit.solution.held_out for fit in refits])
@@ -142,22 +145,23 @@ def _refit_globally(
 def _expected(rival: FitResult, motion: ChannelData) -> FloatArray:
     """Return the effort that a rival predicts for a motion, shape (n,)."""
     model, parameters = rival.solution.model, rival.solution.parameters
-    return model.predict(_settled(with_load(motion, model, parameters), model, parameters), parameters)
+    return model.predict(with_load(motion, model, parameters), parameters)
 
 
-def _settled(motion: ChannelData, model: Model, parameters: Mapping[str, float]) -> ChannelData:
-    """Return a motion with the first readings of sensors that have settled; a planned motion has none."""
+def _settled(rival: FitResult, motion: ChannelData, is_planned: BoolArray) -> ChannelData:
+    """Return a motion whose planned samples (n,), which have no readings, have those of settled sensors."""
+    model, parameters = rival.solution.model, rival.solution.parameters
     if not model.sensors:
         return motion
-    before_sensors = model.without(*(sensor.name for sensor in model.sensors))
-    return replace(motion, effort=before_sensors.predict(motion, parameters))
+    object_model = model.without(*(sensor.name for sensor in model.sensors))
+    effort = object_model.predict(with_load(motion, object_model, parameters), parameters)
+    return replace(motion, effort=np.where(is_planned, effort, motion.effort))
 
 
 def _slopes(rival: FitResult, motion: ChannelData) -> FloatArray:
     """Return the derivative of a rival's prediction by each parameter, scaled to unit norm, shape (n, p)."""
     model, parameters = rival.solution.model, rival.solution.parameters
-    settled = _settled(with_load(motion, model, parameters), model, parameters)
-    slopes = slopes_of(model, settled, parameters)
+    slopes = slopes_of(model, with_load(motion, model, parameters), parameters)
     scaled: FloatArray = slopes / np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
     return scaled
 

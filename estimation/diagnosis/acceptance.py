@@ -104,7 +104,8 @@ def accept_effects(
     # Bootstrap samples contain smoothing errors: an effect that explains these makes others look random.
     for name in reversed(_effects_by_importance(search, fit)):
         reduced = search.without(fit, name)
-        fit = reduced if is_smoothing(reduced, fit) else fit
+        if is_smoothing(reduced, fit) and search.is_sensible(reduced):
+            fit = reduced
     if not search.added_effects(fit) or not search.is_sensible(fit):
         return search.start
     sufficient = smallest_sufficient_model(search, fit, measurement)

@@ -45,8 +45,8 @@ def with_cautions(diagnosed: Sequence[ChannelDiagnosis]) -> list[ChannelDiagnosi
     return [entry.model_copy(update={"cautions": list(cautions(entry.channel))}) for entry in diagnosed]
 
 
-def replaceable_effects(diagnosed: Sequence[ChannelDiagnosis]) -> dict[str, tuple[str, str]]:
-    """Find effects for which one effect of the arm that another channel shows may stand.
+def replaceable_effects(diagnosed: Sequence[ChannelDiagnosis]) -> list[tuple[str, str, str]]:
+    """List effects that an effect of the whole arm, shown by another channel, may replace.
 
     One cause of two errors is simpler than two causes.
 
@@ -54,18 +54,22 @@ def replaceable_effects(diagnosed: Sequence[ChannelDiagnosis]) -> dict[str, tupl
         diagnosed: diagnoses of channels of one recording.
 
     Returns:
-        For a channel, the named effect and the effect of the arm, which the channel cannot distinguish from
-        it and which another channel names without an alternative.
+        Channel, named effect, and the effect of the arm that the channel cannot distinguish from it and that
+        another channel names without an alternative.
     """
-    clear = {
-        each.effect for entry in diagnosed for each in entry.accepted if not each.confused_with
-    } & _OF_ARM.keys()
-    return {
-        entry.channel: (each.effect, min(clear.intersection(each.confused_with)))
+    return [
+        (entry.channel, each.effect, shared)
         for entry in diagnosed
         for each in entry.accepted
-        if clear.intersection(each.confused_with)
-    }
+        for shared in each.confused_with
+        if any(_shows(shared, other) for other in diagnosed if other.channel != entry.channel)
+    ]
+
+
+def _shows(effect: str, entry: ChannelDiagnosis) -> bool:
+    """Return whether a channel names an effect of the arm, with its values, without an alternative."""
+    has_value = any(name.startswith(f"{effect}.") for name in _of_arm(entry))
+    return has_value and any(each.effect == effect and not each.confused_with for each in entry.accepted)
 
 
 def is_shared(effect: str, entry: ChannelDiagnosis, diagnosed: Sequence[ChannelDiagnosis]) -> bool:
@@ -76,14 +80,15 @@ def is_shared(effect: str, entry: ChannelDiagnosis, diagnosed: Sequence[ChannelD
         entry: diagnosis of the channel.
         diagnosed: diagnoses of all channels of the recording.
     """
-    own = _of_arm(entry)
-    return effect in {each.effect for each in entry.accepted} and not any(
-        _differ(own[name], value)
+    own = {name: value for name, value in _of_arm(entry).items() if name.startswith(f"{effect}.")}
+    pairs = [
+        (own[name], value)
         for other in diagnosed
         if other.channel != entry.channel
         for name, value in _of_arm(other).items()
-        if name in own and name.startswith(f"{effect}.")
-    )
+        if name in own
+    ]
+    return bool(pairs) and not any(_differ(*pair) for pair in pairs)
 
 
 def _of_arm(entry: ChannelDiagnosis) -> dict[str, ParameterValue]:

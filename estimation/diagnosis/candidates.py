@@ -13,6 +13,7 @@ from palpate.estimation.data.derivatives import grid_step
 from palpate.estimation.effect import Effect, Inner, SensorEffect, forms_of
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.effects.elastic_shape import ToolCompliance
+from palpate.estimation.effects.sensor_dynamics import Lag
 from palpate.estimation.effects.sensor_statics import Saturation
 from palpate.estimation.fit.blocks import HEAVY
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, columns_at, linearize_inner, solve_gains
@@ -28,6 +29,7 @@ from palpate.estimation.fit.intervals import inner_slopes
 from palpate.estimation.fit.measurement_model import identify_measurement_model
 from palpate.estimation.kinds import Kind
 from palpate.estimation.model import Model
+from palpate.estimation.signals.blocks import block_index
 from palpate.estimation.signals.cache_by_array import IdentityKey
 from palpate.estimation.signals.runwise import finest_step, longest_run, sample_time
 from palpate.robot_io.types import FloatArray
@@ -43,8 +45,10 @@ _FAR = 10.0
 _STEP = 1e-4  # step of a finite difference, relative to the deepest indentation
 _MAX_UNSTABLE = 0.01  # tolerated share of unstable samples, since a corner of the law may be as steep
 _AT_LIMIT = 3.0  # distance from the limit, relative to the residual, within which a reading may be saturated
-_BOTH_SIDES = (
-    0.25  # largest ratio of squared distances below and beyond the limit, predicted for such readings
+# Largest ratio of the squared distances of predictions below and beyond a limit; it is 1 for a held force.
+_BOTH_SIDES = 0.25
+_MOST_OF_LAG = (
+    0.5  # largest share of what a lag explains that may be its response to the effort before the runs
 )
 RUN_PREFIX = "run_"  # prefix of effects that vary between runs; held-out runs cannot test them as candidates
 
@@ -314,6 +318,8 @@ def is_misnamed(effect: Effect, solution: Solution, problem: FitProblem) -> bool
         return True
     if effect.name == Saturation.name and _is_held_at_limit(solution, problem):
         return True
+    if effect.name == Lag.name and _is_initial_response(solution, problem):
+        return True
     read = problem.blocked.data
     step = read.position_step or grid_step(read.position)  # a shifted motion is not on the grid
     data = replace(solution.model.moved(read, solution.parameters), position_step=step)
@@ -349,13 +355,30 @@ def _is_held_at_limit(solution: Solution, problem: FitProblem) -> bool:
     """
     blocked, limit = problem.blocked, solution.parameters[f"{Saturation.name}.limit"]
     lowest = limit - _AT_LIMIT * float(np.sqrt(np.mean(solution.residual**2)))
-    below = (np.abs(blocked.reduce(blocked.data.effort)) < lowest).astype(np.float64)
-    weights = below if problem.weights is None else below * problem.weights
+    below = np.abs(blocked.reduce(blocked.data.effort)) < lowest
+    if not (problem.used & below).any():
+        return False
     unlimited = solution.model.without(Saturation.name)
+    weights = below.astype(np.float64) if problem.weights is None else below * problem.weights
     fitted = solve_gains(replace(problem, weights=weights), unlimited, solution.parameters)
-    at_limit = blocked.data.select(np.abs(blocked.data.effort) >= lowest)
-    beyond = np.abs(unlimited.predict(at_limit, fitted.parameters)) - limit
+    at_limit = np.abs(blocked.data.effort) >= lowest
+    beyond = np.abs(unlimited.predict(blocked.data, fitted.parameters))[at_limit] - limit
     return bool(np.sum(beyond[beyond < 0.0] ** 2) > _BOTH_SIDES * np.sum(beyond[beyond > 0.0] ** 2))
+
+
+def _is_initial_response(solution: Solution, problem: FitProblem) -> bool:
+    """Return whether most of what a lag explains is the response of its filter to the effort before each run.
+
+    This response, an exponential in each run from its first reading on, imitates a relaxation.
+    """
+    blocked, used, without = problem.blocked, problem.used, solution.model.without(Lag.name)
+    data, (starts, run) = blocked.data, block_index(blocked.data.run)
+    difference = data.effort[starts] - without.predict(data, solution.parameters)[starts]
+    decay = np.exp((data.time_s[starts][run] - data.time_s) / solution.parameters[f"{Lag.name}.tau"])
+    response = blocked.reduce(difference[run] * decay)[used]
+    reduced = solve_gains(problem, without, solution.parameters)
+    explained = np.sum(reduced.residual[used] ** 2) - np.sum(solution.residual[used] ** 2)
+    return bool(np.sum(response**2) > _MOST_OF_LAG * explained)
 
 
 def _snaps(solution: Solution, problem: FitProblem) -> bool:

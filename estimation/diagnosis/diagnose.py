@@ -113,16 +113,14 @@ def diagnose(
                 for diagnosis in results:
                     progress(f"{diagnosis.channel}: {diagnosis.verdict.value}", 1.0)
                     diagnoses.append(diagnosis)
-        replaceable = replaceable_effects(diagnoses)
-        for number, (channel, base) in enumerate(zip(channels, models, strict=True)):
-            if channel.name in replaceable:
-                left_out, shared = replaceable[channel.name]
-                others = tuple(effect for effect in library if effect.name != left_out)
-                again = diagnose_channel(channel, base, others, seeded(channel), progress)
-                if is_shared(shared, again, diagnoses) and bool(again.complete) >= bool(
-                    diagnoses[number].complete
-                ):
-                    diagnoses[number] = again
+        numbers = {channel.name: number for number, channel in enumerate(channels)}
+        for name, left_out, shared in replaceable_effects(diagnoses):
+            number = numbers[name]
+            channel, base, first = channels[number], models[number], diagnoses[number]
+            others = tuple(effect for effect in library if effect.name != left_out)
+            again = diagnose_channel(channel, base, others, seeded(channel), progress)
+            if is_shared(shared, again, diagnoses) and (again.complete or not first.complete):
+                diagnoses[number] = again
     name = "+".join(dict.fromkeys(model.name for model in models))
     return Diagnosis(file=file, model=name, channels=diagnoses)
 

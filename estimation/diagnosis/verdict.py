@@ -221,10 +221,10 @@ class Evidence:
 
 
 def unreached_effect(evidence: Evidence) -> str | None:
-    """Return an effect that the steps that users see do not reach as the search found it; else None.
+    """Return an effect to drop because the reported steps do not reproduce the joint fit; None if they do.
 
-    The search may have found a minimum that cannot be reached from the simpler model. The last effect then
-    does not lower the held-out error, or the parameters of an effect are impossible or contradict its name.
+    The last effect, added to the others, then does not lower the held-out error, or the parameters of an
+    effect become impossible or contradict its name.
 
     Args:
         evidence: result of the search, with the tests of the final model.

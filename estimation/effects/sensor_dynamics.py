@@ -79,30 +79,27 @@ class Lag(SensorEffect):
         "delay": "change the effort suddenly: a lag rounds the step, but a delay only shifts it",
         "damping": "hold and probe at two speeds",
         "inertia": "move at two frequencies",
+        "stress_relaxation": "record free air or a moving tip: a lag also acts there",
     }
     linear = True
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `SensorEffect.sense`: as if the effort had been zero before each run."""
+        """See `SensorEffect.sense`."""
         starts, run = block_index(data.run)
-        left = self._left(data, inner).reshape(-1, *[1] * (effort.ndim - 1))
-        return low_pass(effort, data.time_s, data.run, inner["tau"]) - left * effort[starts][run]
+        decay = self._decay(data, inner).reshape(-1, *[1] * (effort.ndim - 1))
+        return low_pass(effort, data.time_s, data.run, inner["tau"]) - decay * effort[starts][run]
 
-    def remaining(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `SensorEffect.remaining`: what is left of each run's first reading.
+    def initial_response(self, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `SensorEffect.initial_response`: the first reading of each run decays.
 
-        It shows what the motion before the run left, which is unknown if a recording begins in motion.
+        The effort before a run is unknown if the recording begins in motion.
         """
         starts, run = block_index(data.run)
-        return self._left(data, inner) * data.effort[starts][run]
+        return self._decay(data, inner) * data.effort[starts][run]
 
-    def _left(self, data: ChannelData, inner: Inner) -> FloatArray:
+    def _decay(self, data: ChannelData, inner: Inner) -> FloatArray:
         starts, run = block_index(data.run)
         return np.exp((data.time_s[starts][run] - data.time_s) / inner["tau"])
-
-    def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
-        """See `Effect.is_misnamed`: most readings belong to motion before the run began."""
-        return parameters[f"{self.name}.tau"] >= 0.5 * longest_run(data.time_s, data.run)
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         return start_grid(tau=sample_time(data.time_s, data.run) * np.geomspace(0.2, 400.0, 14))

@@ -9,7 +9,7 @@ import scipy
 
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.derivatives import reading_error
-from palpate.estimation.effect import AdditiveEffect, Effect, MotionEffect, Parameters
+from palpate.estimation.effect import AdditiveEffect, Effect, MotionEffect, Parameters, SensorEffect
 from palpate.estimation.model import Model, own_parameters
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.estimation.signals.cache_by_array import FitCache, IdentityKey
@@ -131,19 +131,25 @@ class BlockedData:
         key = IdentityKey(effect), IdentityKey(load), *inner.values(), *acting_key
         return self.cache.get_or_compute(key, compute, load)
 
-    def remaining(self, model: Model, parameters: Parameters) -> FloatArray:
-        """Return the means (m,) of what is left in the readings from before each run, see `SensorEffect`.
+    def initial_response(self, model: Model, parameters: Parameters) -> FloatArray:
+        """Return the means (m,) of `SensorEffect.initial_response` after all sensors of a model; cached.
 
         Args:
             model: the model, whose sensor effects must be linear.
             parameters: inner parameters of the model by "effect.parameter".
         """
-        total = np.zeros(len(self.data))
-        for sensor in model.sensors:
-            if not sensor.pointwise:
-                own = own_parameters(sensor, parameters)
-                total = sensor.follow(total, np.empty((len(total), 0)), self.data, own)[1]
-        return self.reduce(total)
+        inner = [own_parameters(sensor, parameters) for sensor in model.sensors]
+
+        def compute() -> FloatArray:
+            total, none = np.zeros(len(self.data)), np.empty((len(self.data), 0))
+            for sensor, own in zip(model.sensors, inner, strict=True):
+                total = sensor.follow(total, none, self.data, own)[1]
+            return self.reduce(total)
+
+        if all(type(sensor).initial_response is SensorEffect.initial_response for sensor in model.sensors):
+            return np.zeros(len(self))
+        acting = ((IdentityKey(s), *own.values()) for s, own in zip(model.sensors, inner, strict=True))
+        return self.cache.get_or_compute(("initial", *acting), compute)
 
     def _load_of(self, *effects: Effect) -> FloatArray | None:
         """Return the load (n,), which depends on the model; None if no effect needs it."""

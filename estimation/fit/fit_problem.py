@@ -290,11 +290,11 @@ def _on_blocks(
         parts = blocked.parts(effect, model, inner)
         blocks.append(parts[:, :-1].T)
         known = known + parts[:, -1]
-    columns, known = np.concatenate(blocks).T, known + blocked.remaining(model, inner)
+    columns = np.concatenate(blocks).T
     for sensor in [sensor for sensor in model.sensors if sensor.pointwise]:
         sensed = sensor.sense(np.column_stack([columns, known]), blocked.data, own_parameters(sensor, inner))
         columns, known = sensed[:, :-1], sensed[:, -1]
-    return columns, blocked.effort - known
+    return columns, blocked.effort - known - blocked.initial_response(model, inner)
 
 
 def columns_at(

@@ -128,14 +128,15 @@ def is_stepwise_command(data: ChannelData) -> bool:
     Args:
         data: the channel.
     """
-    levels, is_constant = np.unique(data.effort), is_constant_in_runs(data)
-    has_many = len(levels) > FEW_LEVELS and not is_constant
-    if data.is_command or data.kind is ChannelKind.CONTACT or has_many:
+    if data.is_command or data.kind is ChannelKind.CONTACT:
         return data.is_command
-    if is_constant:
+    levels = np.unique(data.effort)
+    if is_constant_in_runs(data):
         speeds = [data.velocity[rows] for rows in rows_of_runs(data.run)]
         accelerates = [np.ptp(speed) > _HALF * np.max(np.abs(speed)) for speed in speeds]
         return len(levels) > 1 and bool(np.mean(accelerates) > _HALF)
+    if len(levels) > FEW_LEVELS:
+        return False
     distances = np.diff(levels)
     in_steps = distances / distances.min()
     is_off_grid = (
@@ -160,7 +161,7 @@ def is_stepwise_command(data: ChannelData) -> bool:
         at_steps.append((np.sign(steps) * changes)[steps != 0.0])
         elsewhere.append(changes[~is_near])
     stepped, others = np.concatenate(at_steps), np.concatenate(elsewhere)
-    if len(stepped) == 0 or len(others) == 0:
-        return False
-    is_followed = np.mean(stepped > 0.0) >= _FORWARD
-    return bool(is_followed and np.median(stepped) > _STEP_RATIO * np.sqrt(np.mean(others**2)))
+    is_followed = len(stepped) > 0 and np.mean(stepped > 0.0) >= _FORWARD
+    return bool(
+        is_followed and len(others) > 0 and np.median(stepped) > _STEP_RATIO * np.sqrt(np.mean(others**2))
+    )

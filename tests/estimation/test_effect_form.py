@@ -109,8 +109,8 @@ def test_slopes_and_reading_at_once_match_those_of_each(name):
     columns = np.column_stack([data.position, data.velocity])
     slopes, reading = effect.follow(data.effort, columns, data, inner)
     np.testing.assert_allclose(slopes, effect.slope(data.effort, columns, data, inner), rtol=1e-12)
-    remaining = effect.remaining(data, inner)
-    expected = effect.sense(data.effort, data, inner) + (0.0 if remaining is None else remaining)
+    initial = effect.initial_response(data, inner)
+    expected = effect.sense(data.effort, data, inner) + (0.0 if initial is None else initial)
     np.testing.assert_allclose(reading, expected, rtol=1e-12)
 
 

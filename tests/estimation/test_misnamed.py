@@ -105,7 +105,6 @@ def test_layer_presses_back_above_and_below_its_kink(k, k2, error, more, layer):
             *("delay", JOINT, ("time",)),
             {(-0.0015,): False, (-0.0005,): True, (0.03,): True, (0.24,): True, (0.26,): False},
         ),
-        ("lag", JOINT, ("tau",), {(0.03,): True, (0.24,): True, (0.26,): False}),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )

@@ -292,7 +292,7 @@ def test_smallest_sufficient_part_of_a_model_is_selected(refused):
 
 
 def test_effect_of_smoothing_does_not_hide_another(refused, monkeypatch):
-    """Bootstrap samples of a model improve as much by an effect that explains errors of smoothing."""
+    """The bootstrap samples also contain errors of smoothing, which such an effect explains."""
     law = "a spring and a friction"
     search, end = searched_law(law), reached_in(law, SPRING, RUB)
     monkeypatch.setattr(module, "is_smoothing", lambda before, fit: names(fit) - names(before) == {RUB})

@@ -8,8 +8,9 @@ import pytest
 
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.diagnosis import ChannelDiagnosis, diagnose
-from palpate.estimation.diagnosis.agreement import with_cautions
+from palpate.estimation.diagnosis.agreement import replaceable_effects, with_cautions
 from palpate.estimation.diagnosis.result import AcceptedEffect, FitSummary, ParameterValue
+from palpate.estimation.effects import EFFECTS
 from palpate.estimation.effects.inertia import Inertia
 from palpate.estimation.model import Model
 from tests.estimation.test_effect_form import some_channel
@@ -77,6 +78,7 @@ def test_depth_of_a_contact_is_doubtful_beside_a_wrong_encoder_zero(offset, is_d
         (["payload"], [], 0.09, True, False),  # another payload than joint 2 carries
         (["payload"], [], 0.0685, False, False),  # the payload alone does not explain joint 1
         (["payload"], ["torque_gain"], 0.0685, True, False),  # joint 2 does not show the payload clearly
+        (["payload"], [], None, True, False),  # the payload of joint 1 is not determined
         ([], [], 0.0685, True, False),  # joint 1 excludes a payload
         (["coulomb_friction"], [], 0.0685, True, False),
     ],
@@ -86,12 +88,16 @@ def test_effect_gives_way_to_one_of_the_arm_that_another_joint_shows(
 ):
     zero = diagnosed("joint_1", "encoder_zero.joint_3", 0.31, 0.05, "rad", alternatives)
     carried = {
-        "joint_1": diagnosed("joint_1", "payload.mass", mass, 5e-4, "kg", complete=complete),
+        "joint_1": diagnosed(
+            *("joint_1", "payload.mass", mass or 9.0, 5e-4 if mass else None, "kg"), complete=complete
+        ),
         "joint_2": diagnosed("joint_2", "payload.mass", 0.0683, 3e-4, "kg", clear),
     }
 
     def judge(data, model, effects, rng, progress):
-        has_zero = "encoder_zero" in {effect.name for effect in effects}
+        left_out = EFFECTS.keys() - {effect.name for effect in effects}
+        assert left_out <= {"encoder_zero"}
+        has_zero = not left_out
         return zero if data.name == "joint_1" and has_zero else carried[data.name]
 
     monkeypatch.setattr(import_module("palpate.estimation.diagnosis.diagnose"), "diagnose_channel", judge)
@@ -99,3 +105,13 @@ def test_effect_gives_way_to_one_of_the_arm_that_another_joint_shows(
     first, second = diagnose(joints, Model("rigid", (Inertia(),)), rng=np.random.default_rng(1)).channels
     assert first is (carried["joint_1"] if is_replaced else zero)
     assert second is carried["joint_2"]
+
+
+def test_only_effects_of_the_arm_that_another_channel_shows_replace_others():
+    bias = diagnosed("joint_1", "bias.offset", 0.3, 0.01, "N m", ["gravity_tilt", "payload"])
+    own = diagnosed("joint_1", "payload.mass", 0.3, 0.01, "kg")
+    both = bias.model_copy(update={"accepted": [*bias.accepted, *own.accepted], "final": own.final})
+    pendulum = diagnosed("joint_2", "gravity_tilt.tilt", 0.5, 0.01, "N m")  # not an angle of the arm
+    assert replaceable_effects([both, pendulum]) == []
+    arm = diagnosed("joint_2", "gravity_tilt.tilt", 0.05, 0.001, "rad")
+    assert replaceable_effects([both, arm]) == [("joint_1", "bias", "gravity_tilt")]

@@ -96,6 +96,10 @@ FLOW = {  # what is true of a channel: what is answered
         {"found": "b", "imitating": {"b": "b", "c": "c"}, "excluding": {"b": "c", "c": "d"}},
         ("d", True),
     ),
+    "no other effects are complete without it": (
+        {"found": "a+b", "imitating": {"a+b": "b"}, "excluding": {"b": "c"}, "incomplete": "c"},
+        ("a", True),
+    ),
     "an effect of an incomplete model imitates": (
         {"found": "a+b", "imitating": {"a+b": "b"}, "excluding": {"b": "a+c"}, "complete": False},
         ("a", False),
@@ -129,7 +133,8 @@ def test_channel_is_searched_reduced_and_reported(name, monkeypatch):
             return None
 
         def is_complete(self, one):
-            return given.get("complete", True) and one not in self.incomplete
+            is_complete = given.get("complete", True) and one != given.get("incomplete")
+            return is_complete and one not in self.incomplete
 
     def searching(tried, is_complete, sufficient, forms):
         assert not given.get("exact")  # nothing is left to be searched for
