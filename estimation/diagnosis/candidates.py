@@ -374,7 +374,7 @@ def _is_initial_response(solution: Solution, problem: FitProblem) -> bool:
     blocked, used, without = problem.blocked, problem.used, solution.model.without(Lag.name)
     data, (starts, run) = blocked.data, block_index(blocked.data.run)
     difference = data.effort[starts] - without.predict(data, solution.parameters)[starts]
-    decay = np.exp((data.time_s[starts][run] - data.time_s) / solution.parameters[f"{Lag.name}.tau"])
+    decay = Lag().decay(data, {"tau": solution.parameters[f"{Lag.name}.tau"]})
     response = blocked.reduce(difference[run] * decay)[used]
     reduced = solve_gains(problem, without, solution.parameters)
     explained = np.sum(reduced.residual[used] ** 2) - np.sum(solution.residual[used] ** 2)

@@ -86,7 +86,7 @@ class Lag(SensorEffect):
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         """See `SensorEffect.sense`."""
         starts, run = block_index(data.run)
-        decay = self._decay(data, inner).reshape(-1, *[1] * (effort.ndim - 1))
+        decay = self.decay(data, inner).reshape(-1, *[1] * (effort.ndim - 1))
         return low_pass(effort, data.time_s, data.run, inner["tau"]) - decay * effort[starts][run]
 
     def initial_response(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -95,9 +95,15 @@ class Lag(SensorEffect):
         The effort before a run is unknown if the recording begins in motion.
         """
         starts, run = block_index(data.run)
-        return self._decay(data, inner) * data.effort[starts][run]
+        return self.decay(data, inner) * data.effort[starts][run]
 
-    def _decay(self, data: ChannelData, inner: Inner) -> FloatArray:
+    def decay(self, data: ChannelData, inner: Inner) -> FloatArray:
+        """Return the share (n,) of the reading at the start of each run that is left at each sample.
+
+        Args:
+            data: the channel.
+            inner: values of the inner parameters by name.
+        """
         starts, run = block_index(data.run)
         return np.exp((data.time_s[starts][run] - data.time_s) / inner["tau"])
 
