@@ -149,7 +149,7 @@ def _expected(rival: FitResult, motion: ChannelData) -> FloatArray:
 
 
 def _settled(rival: FitResult, motion: ChannelData, is_planned: BoolArray) -> ChannelData:
-    """Return a motion whose planned samples (n,), which have no readings, have those of settled sensors."""
+    """Give planned samples (n,), which have no readings, those of sensors that settled before the run."""
     model, parameters = rival.solution.model, rival.solution.parameters
     if not model.sensors:
         return motion

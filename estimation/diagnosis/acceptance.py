@@ -101,7 +101,8 @@ def accept_effects(
         measurement: how motion and effort were measured.
         is_complete: whether a model counts as complete.
     """
-    # Bootstrap samples contain smoothing errors: an effect that explains these makes others look random.
+    # Bootstrap samples contain smoothing errors, too. Beside an effect that explains these, no other effect
+    # seems significant.
     for name in reversed(_effects_by_importance(search, fit)):
         reduced = search.without(fit, name)
         if is_smoothing(reduced, fit) and search.is_sensible(reduced):
