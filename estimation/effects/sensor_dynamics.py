@@ -116,19 +116,17 @@ _SIGMAS = 3.0  # largest difference of the rate in standard errors; the larger l
 
 
 class Drift(AdditiveEffect):
+    """reading = effort + rate (t - t0), t0 the time of the first sample; an offset at that time is a bias."""
+
     name = "drift"
     kind = Kind.DRIFT
     physics = "Warm-up or creep of the sensor changes its zero steadily."
-    equation = "reading = effort + d (t - t0)"
+    equation = "reading = effort + d (t - t0), t0 the first sample"
     source = "JCGM 200:2012 (VIM), 4.21: instrumental drift"
     signature = "readings in free air and in every run drift steadily, whatever the time since contact"
     signals = ("time",)
     one_sided = False
-    gains = (
-        Parameter("rate", "{effort}/s", -1e12, 1e12, (-0.01, 0.01)),
-        Parameter("offset", "{effort}", -1e12, 1e12, (-1.0, 1.0)),
-    )
-    essential = ("rate",)
+    gains = (Parameter("rate", "{effort}/s", -1e12, 1e12, (-0.01, 0.01)),)
     confused_with = {
         "stress_relaxation": "record free air: drift continues there, but relaxation does not",
         "bias": "wait: a bias stays",
@@ -147,4 +145,4 @@ class Drift(AdditiveEffect):
         return abs(zero.rate - rate) > max(_OFF * abs(rate), _SIGMAS * zero.rate_std_err)
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        return np.column_stack([data.time_s - data.time_s[0], np.ones(len(data))])
+        return (data.time_s - data.time_s[0])[:, None]

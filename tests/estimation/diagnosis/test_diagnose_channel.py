@@ -18,6 +18,7 @@ from palpate.estimation.diagnosis.result import Verdict
 from palpate.estimation.diagnosis.verdict import insufficient_diagnosis
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.measurement_noise import measurement_noise
+from palpate.estimation.kinds import Kind
 from palpate.estimation.model import Model
 from tests.estimation.contact_data import channel
 from tests.estimation.searches import PRESS, SWING, searched
@@ -427,3 +428,15 @@ def test_model_that_explains_little_beside_slow_noise_is_not_adequate():
     )
     assert told.verdict is Verdict.UNEXPLAINED
     assert "% of the variance of the effort, and only an upper bound of the noise is known" in told.reason
+
+
+def test_large_offset_beside_a_small_drift_is_a_bias():
+    """A zero of 0.5 N m drifts by 0.1 N m: a bias is missing, then a drift; they do not share one name."""
+    data = swings(1)
+    elapsed = (data.time_s - data.time_s[0]) / np.ptp(data.time_s)
+    data = replace(data, effort=data.effort + 0.5 + 0.1 * elapsed)
+    effects = tuple(EFFECTS[name]() for name in ("bias", "drift"))
+    result = diagnose_channel(data, SWING, effects, np.random.default_rng(0))
+    assert [accepted.effect for accepted in result.accepted] == ["bias", "drift"]
+    assert result.budget[0].kind is Kind.SENSOR_STATICS
+    assert result.final.parameters["bias.offset"].value == pytest.approx(0.5, abs=0.01)
