@@ -192,13 +192,13 @@ def mit_frame(rng: Rng, _number: int) -> bytes:
 
 
 def is_wrong_mit(data: bytes, _seen: bytes, accepted) -> bool:
-    """Each number, written bit by bit, must stand where it came from."""
+    """Each number, truncated as by the motor and written bit by bit, must stand where it came from."""
     if not isinstance(accepted, mit.MitState) or len(data) not in (6, 7, 8):
         return True
     bits = f"{accepted.motor_id:08b}"
     values = (accepted.position_rad, accepted.velocity_rad_s, accepted.torque_nm)
     for value, (limit, count) in zip(values, _MIT_FIELDS, strict=True):
-        number = round((value + limit) / (2.0 * limit) * (2**count - 1))
+        number = int((value + limit) / (2.0 * limit) * (2**count - 1) + 1e-6)
         bits += f"{number:0{count}b}" if 0 <= number < 2**count else "beyond"
     came = "".join(f"{byte:08b}" for byte in data)
     error = int(came[56:], 2) if len(data) == 8 else 0
@@ -238,7 +238,7 @@ def is_wrong_robstride(data: bytes, _seen: bytes, accepted) -> bool:
         return True
     bits = "".join(f"{byte:08b}" for byte in data)
     shares = (accepted.position_rad / 12.5, accepted.velocity_rad_s / 50.0, accepted.torque_nm / 25.0)
-    numbers = "".join(f"{round((share + 1.0) / 2.0 * 65535):016b}" for share in shares)
+    numbers = "".join(f"{int((share + 1.0) / 2.0 * 65535 + 1e-6):016b}" for share in shares)
     mode = {True: ("10",), False: ("00", "01")}.get(bool(accepted.enabled), ())
     at_end = any(len(set(field)) == 1 for field in (bits[32:48], bits[48:64]))
     return (

@@ -70,9 +70,17 @@ def _to_bits(value: float, half_range: float, largest: int) -> int:
     return round((min(max(value, -half_range), half_range) + half_range) / (2.0 * half_range) * largest)
 
 
-def _from_bits(bits: int, half_range: float, largest: int) -> float:
+def _from_bits(bits: float, half_range: float, largest: int) -> float:
     """Decode what `_to_bits` encoded."""
     return (2.0 * bits / largest - 1.0) * half_range
+
+
+def _reading(bits: int, half_range: float, largest: int) -> float:
+    """Decode a reading, which the firmware truncates: the true value is half a step higher on average.
+
+    A reading at an end of the range is clipped, and is not changed.
+    """
+    return _from_bits(bits + 0.5 if 0 < bits < largest else bits, half_range, largest)
 
 
 REGISTERS_ID: Final = 0x7FF
@@ -191,9 +199,9 @@ class MitFrames:
             error, enabled = (status if status > 1 else 0), status == 1
         return MitState(
             motor_id=motor_id,
-            position_rad=_from_bits(position, ranges.position_rad, MAX_16),
-            velocity_rad_s=_from_bits(velocity, ranges.velocity_rad_s, _MAX_12),
-            torque_nm=_from_bits(torque, ranges.torque_nm, _MAX_12),
+            position_rad=_reading(position, ranges.position_rad, MAX_16),
+            velocity_rad_s=_reading(velocity, ranges.velocity_rad_s, _MAX_12),
+            torque_nm=_reading(torque, ranges.torque_nm, _MAX_12),
             at_range_end=position in (0, MAX_16) or velocity in (0, _MAX_12),
             torque_at_end=torque in (0, _MAX_12),
             error=error,
@@ -323,9 +331,9 @@ class RobstrideFrames(MitFrames):
         position, velocity, torque, _ = _FOUR_WORDS.unpack(frame.data)
         return MitState(
             motor_id=frame.can_id >> 8 & 0xFF,
-            position_rad=_from_bits(position, ranges.position_rad, MAX_16),
-            velocity_rad_s=_from_bits(velocity, ranges.velocity_rad_s, MAX_16),
-            torque_nm=_from_bits(torque, ranges.torque_nm, MAX_16),
+            position_rad=_reading(position, ranges.position_rad, MAX_16),
+            velocity_rad_s=_reading(velocity, ranges.velocity_rad_s, MAX_16),
+            torque_nm=_reading(torque, ranges.torque_nm, MAX_16),
             at_range_end=position in (0, MAX_16) or velocity in (0, MAX_16),
             torque_at_end=torque in (0, MAX_16),
             error=frame.can_id >> 16 & 0x3F,

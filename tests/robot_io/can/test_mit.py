@@ -1,17 +1,19 @@
 """MIT motors against the manual's frames, and against an independent bit packer."""
 
 import bitstruct
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate.robot_io.drivers.can.line import CanFrame
 from palpate.robot_io.drivers.mit import protocol as mit
-from palpate.robot_io.drivers.mit.protocol import DamiaoFrames, MitFrames
+from palpate.robot_io.drivers.mit.protocol import DamiaoFrames, MitFrames, RobstrideFrames
 from palpate.robot_io.drivers.mit.settings import DIALECTS, Maker
 from palpate.robot_io.errors import InputError, ProtocolError
 from palpate.sim_backend.emulators.mit import CUBEMARS_LIMITS, DAMIAO_LIMITS, ROBSTRIDE_LIMITS
 
+PROTOCOLS = {Maker.CUBEMARS: MitFrames, Maker.DAMIAO: DamiaoFrames, Maker.ROBSTRIDE: RobstrideFrames}
 FRAMES, DAMIAO = MitFrames(0, {}), DamiaoFrames(0, {})
 AK80_9 = DIALECTS[Maker.CUBEMARS].models["AK80-9"]
 
@@ -61,6 +63,26 @@ def test_end_of_a_range_is_known_on_either_side(position, velocity, at_end, torq
     data = bitstruct.pack("u8u16u12u12", 3, position, velocity, torque)
     state = FRAMES.state(CanFrame(0, data), AK80_9)
     assert (state.at_range_end, state.torque_at_end) == (at_end, torque_at_end)
+
+
+@pytest.mark.parametrize("maker", Maker)
+def test_readings_that_the_firmware_truncates_have_no_bias(maker):
+    """Published firmware converts `(int)((x + range) * (2^bits - 1) / (2 * range))`."""
+    model, ends = next(iter(RANGES[maker].items()))
+    frames = PROTOCOLS[maker](0, {})
+    lengths = (16, 16, 16) if maker is Maker.ROBSTRIDE else (16, 12, 12)
+    steps = 2.0 * np.array(ends) / (2.0 ** np.array(lengths) - 1.0)
+    errors = []
+    for true in np.random.default_rng(0).uniform(-0.9, 0.9, (2000, 3)) * ends:
+        bits = ((true + ends) / steps).astype(int).tolist()
+        if maker is Maker.ROBSTRIDE:
+            frame = CanFrame(0x02800100, bitstruct.pack("u16u16u16u16", *bits, 0), extended=True)
+        else:
+            frame = CanFrame(0, bitstruct.pack("u8u16u12u12u8u8", 0x11, *bits, 0, 0))
+        state = frames.state(frame, DIALECTS[maker].models[model])
+        errors.append((np.array([state.position_rad, state.velocity_rad_s, state.torque_nm]) - true) / steps)
+    assert np.abs(np.mean(errors, axis=0)).max() < 0.03
+    assert np.abs(errors).max() < 0.501
 
 
 @given(st.floats(-30, 30))

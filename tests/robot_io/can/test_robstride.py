@@ -1,5 +1,6 @@
 """Robstride's frames and moteus' registers against examples of the makers and independent packers."""
 
+import math
 import struct
 
 import bitstruct
@@ -62,9 +63,10 @@ def test_state_matches_a_bit_packer(position, velocity, torque, mode, faults):
     assert FRAMES.sender(frame) == 9
     state = FRAMES.state(frame, RS03)
     assert (state.motor_id, state.enabled, state.error) == (9, mode == 2, faults)
-    assert state.position_rad == pytest.approx((position / 65535 - 0.5) * 8 * 3.141592653589793)
-    assert state.velocity_rad_s == pytest.approx(-20 + 40 * velocity / 65535)
-    assert state.torque_nm == pytest.approx(-60 + 120 * torque / 65535)
+    read = (state.position_rad, state.velocity_rad_s, state.torque_nm)
+    for value, bits, span in zip(read, (position, velocity, torque), (8 * math.pi, 40, 120), strict=True):
+        truncated = -span / 2 + span * bits / 65535  # the true value is up to a step higher
+        assert value - truncated == pytest.approx(span / 65535 / 2 if 0 < bits < 65535 else 0.0, abs=1e-9)
 
 
 def test_faults_have_manual_names_and_an_unread_parameter_is_no_zero():
