@@ -3,7 +3,13 @@
 from collections.abc import Iterator, Sequence
 from math import hypot
 
-from palpate.estimation.diagnosis.result import ChannelDiagnosis, ParameterValue
+from palpate.estimation.channel import ChannelData
+from palpate.estimation.data_quality import usable
+from palpate.estimation.diagnosis.candidates import applicable_effects
+from palpate.estimation.diagnosis.result import ChannelDiagnosis, FitSummary, ParameterValue
+from palpate.estimation.effect import Effect
+from palpate.estimation.fit.fit_result import fit_model
+from palpate.estimation.model import Model
 
 # Effects with parameters of the whole arm, and the unit of these. A pendulum's tilt, in N m, is not shared.
 _OF_ARM = {"encoder_zero": "rad", "force_deadband": "N", "gravity_tilt": "rad", "payload": "kg"}
@@ -20,7 +26,7 @@ def with_cautions(diagnosed: Sequence[ChannelDiagnosis]) -> list[ChannelDiagnosi
     Args:
         diagnosed: diagnoses of channels of one recording.
     """
-    by_channel = {entry.channel: _of_arm(entry) for entry in diagnosed}
+    by_channel = {entry.channel: _of_arm(entry.final) for entry in diagnosed}
 
     def cautions(channel: str) -> Iterator[str]:
         wrong = [joint for joint, theirs in by_channel.items() if any(map(_is_wrong_zero, theirs.items()))]
@@ -68,8 +74,9 @@ def replaceable_effects(diagnosed: Sequence[ChannelDiagnosis]) -> list[tuple[str
 
 def _shows(effect: str, entry: ChannelDiagnosis) -> bool:
     """Return whether a channel names an effect of the arm, with its values, without an alternative."""
-    has_value = any(name.startswith(f"{effect}.") for name in _of_arm(entry))
-    return has_value and any(each.effect == effect and not each.confused_with for each in entry.accepted)
+    return bool(_values(effect, entry.final)) and any(
+        each.effect == effect and not each.confused_with for each in entry.accepted
+    )
 
 
 def is_shared(effect: str, entry: ChannelDiagnosis, diagnosed: Sequence[ChannelDiagnosis]) -> bool:
@@ -80,19 +87,83 @@ def is_shared(effect: str, entry: ChannelDiagnosis, diagnosed: Sequence[ChannelD
         entry: diagnosis of the channel.
         diagnosed: diagnoses of all channels of the recording.
     """
-    own = {name: value for name, value in _of_arm(entry).items() if name.startswith(f"{effect}.")}
+    own = _values(effect, entry.final)
     pairs = [
         (own[name], value)
         for other in diagnosed
         if other.channel != entry.channel
-        for name, value in _of_arm(other).items()
+        for name, value in _of_arm(other.final).items()
         if name in own
     ]
     return bool(pairs) and not any(_differ(*pair) for pair in pairs)
 
 
-def _of_arm(entry: ChannelDiagnosis) -> dict[str, ParameterValue]:
-    parameters = entry.final.parameters if entry.final else {}
+def contradicted_effects(
+    diagnosed: Sequence[ChannelDiagnosis],
+    channels: Sequence[ChannelData],
+    models: Sequence[Model],
+    library: Sequence[Effect],
+) -> list[tuple[str, str]]:
+    """List effects of the arm with an alternative that another joint excludes.
+
+    If the base is tilted for one joint, it is tilted for all. The effect is added to the complete model of
+    another joint, which contradicts it if its parameters get other values.
+
+    Args:
+        diagnosed: diagnoses of channels of one recording.
+        channels: the channels, in the same order.
+        models: their base models.
+        library: the candidate effects.
+
+    Returns:
+        Channel, and the name of its effect.
+    """
+    joints = list(zip(diagnosed, channels, models, strict=True))
+    return [
+        (entry.channel, each.effect)
+        for entry in diagnosed
+        for each in entry.accepted
+        if each.confused_with and (own := _values(each.effect, entry.final))
+        if any(
+            any(
+                _differ(own[name], value)
+                for name, value in _values_in(joint, each.effect, library).items()
+                if name in own
+            )
+            for joint in joints
+            if joint[0] is not entry
+        )
+    ]
+
+
+def _values_in(
+    joint: tuple[ChannelDiagnosis, ChannelData, Model], effect: str, library: Sequence[Effect]
+) -> dict[str, ParameterValue]:
+    """Return the parameters that an effect of the arm gets beside those of a joint's complete model.
+
+    There are none if the joint names the effect, or cannot distinguish it from an effect that it names.
+    """
+    diagnosis, data, model = joint
+    names = [*(each.effect for each in diagnosis.accepted), effect]
+    may_have = any(effect in (each.effect, *each.confused_with) for each in diagnosis.accepted)
+    if may_have or not diagnosis.complete or diagnosis.final is None:
+        return {}
+    added = applicable_effects(data, model, [each for each in library if each.name in names])
+    if len(added) < len(names):
+        return {}
+    for each in sorted(added, key=lambda each: names.index(each.name)):
+        model = model.with_effect(each)
+    start = {name: parameter.value for name, parameter in diagnosis.final.parameters.items()}
+    return _values(effect, FitSummary.of(fit_model(data, model, start, usable(data))))
+
+
+def _values(effect: str, fit: FitSummary | None) -> dict[str, ParameterValue]:
+    """Return the determined parameters of the whole arm that one effect has in a fit."""
+    return {name: value for name, value in _of_arm(fit).items() if name.startswith(f"{effect}.")}
+
+
+def _of_arm(fit: FitSummary | None) -> dict[str, ParameterValue]:
+    parameters = fit.parameters if fit else {}
     return {
         name: parameter
         for name, parameter in parameters.items()

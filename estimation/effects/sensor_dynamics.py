@@ -145,4 +145,4 @@ class Drift(AdditiveEffect):
         return abs(zero.rate - rate) > max(_OFF * abs(rate), _SIGMAS * zero.rate_std_err)
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        return (data.time_s - data.time_s[0])[:, None]
+        return np.asarray(data.time_s - data.time_s[0])[:, None]

@@ -10,6 +10,7 @@ from palpate import sim_backend
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.diagnosis import Verdict, diagnose
+from palpate.estimation.diagnosis.agreement import contradicted_effects
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.effects.gravity_load import KnownRigidBody
 from palpate.estimation.estimators import ESTIMATORS
@@ -350,3 +351,43 @@ def test_joints_without_a_lever_arm_reveal_no_force(body):
     pressed = resting(0, 5.0, n)
     data = replace(pressed, time_s=0.001 * np.arange(n), context={**pressed.context, **known})
     assert np.abs(with_rigid_body(data, body, 0).context["force_beyond_reading"]).max() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("dip_rad", "bias_nm", "noise_nm", "named"),
+    [
+        (0.0, 0.02, 0.02, ["bias"]),  # joint 2 has no such tilt
+        (0.0, 0.02, 5.0, ["gravity_tilt"]),  # joint 2 does not show whether it has
+        (0.03, 0.0, 0.02, ["gravity_tilt"]),  # joint 2 has the same
+    ],
+)
+def test_tilt_of_one_joint_is_named_unless_another_joint_excludes_it(dip_rad, bias_nm, noise_nm, named):
+    """Alone, joint 3 cannot tell a bias from a tilt of the base."""
+    second, third = swinging(1, dip_rad, noise_nm=noise_nm), swinging(2, dip_rad, noise_nm=0.01)
+    third = replace(third, effort=third.effort + bias_nm)
+    effects = [EFFECTS[name]() for name in ("gravity_tilt", "bias")]
+    model = Model("rigid_body", (KnownRigidBody(),))
+    alone, joints = (
+        diagnose(channels, model, effects, rng=np.random.default_rng(0)).channels
+        for channels in (third, [second, third])
+    )
+    assert [each.effect for each in alone[0].accepted] == ["gravity_tilt"]
+    assert [each.effect for each in joints[1].accepted] == named
+
+
+@pytest.mark.parametrize(("alternatives", "excludes"), [([], True), (["gravity_tilt"], False)])
+def test_joint_that_may_have_the_tilt_does_not_exclude_it(alternatives, excludes):
+    second, third = swinging(1, 0.0, 0.6, noise_nm=0.02), swinging(2, 0.0, noise_nm=0.01)
+    channels = [replace(data, effort=data.effort + 0.02) for data in (second, third)]
+    tilt, bias = (EFFECTS[name]() for name in ("gravity_tilt", "bias"))
+    models = [Model("rigid_body", (KnownRigidBody(),))] * 2
+    judged = [
+        diagnose(data, models[0], [effect], rng=np.random.default_rng(0)).channels[0]
+        for data, effect in zip(channels, (bias, tilt), strict=True)
+    ]
+    judged = [
+        entry.model_copy(update={"accepted": [entry.accepted[0].model_copy(update={"confused_with": names})]})
+        for entry, names in zip(judged, (alternatives, ["bias"]), strict=True)
+    ]
+    contradicted = contradicted_effects(judged, channels, models, (tilt, bias))
+    assert contradicted == [("joint_3", "gravity_tilt")] * excludes
