@@ -7,13 +7,15 @@ import numpy as np
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.signals.blocks import blocks, rows_of_runs
 from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
-from palpate.robot_io.types import FloatArray
+from palpate.robot_io.types import FloatArray, IntArray
 
 _FREE_SHARE = 0.9  # share of the samples before a contact that is used; the last ones may be in contact
 _MAX_READINGS = 50  # largest number of readings used at the end of a run
 _MIN_READINGS = 5  # least number of readings at the start and at the end of a run
 _VISIBLE_BIAS = 0.5  # least bias or drift that counts, relative to the noise
-_MIN_SIGMAS = 3.0  # least drift that counts, in standard errors
+_MIN_SIGMAS = 3.0  # least drift, and least difference between rates, that counts, in standard errors
+_PARTS = 8  # parts of a stretch of free air, in which its drift is seen
+_OTHER_RATE = 0.5  # relative difference above which the rate within stretches of free air is another one
 # Readings in a dead band lie within this share of its half width about zero, or within so many standard
 # deviations of the noise. They must be more frequent than equally large readings beside them by a factor.
 _AT_ZERO, _AT_ZERO_SIGMAS, _MORE_AT_ZERO = 0.1, 2.0, 2.0
@@ -25,8 +27,8 @@ class FreeAirZero:
 
     noise: float  # standard deviation of readings in free air, about each run's mean [effort]
     bias: float  # mean of these readings [effort]
-    rate: float | None  # drift from the start to the end of runs [effort/s]; None if unknown
-    rate_std_err: float  # standard error of the rate for white noise [effort/s]
+    rate: float | None  # drift [effort/s]; None if unknown
+    rate_std_err: float  # standard error of the rate [effort/s]
     duration_s: float  # time from the first to the last reading of the channel [s]
 
     @property
@@ -43,9 +45,12 @@ class FreeAirZero:
         return abs(self.rate) * self.duration_s < threshold
 
 
-@cache_by_channel_arrays("kind", "time_s", "run", "effort", "position", "touching")
+@cache_by_channel_arrays("kind", "time_s", "run", "effort", "position", "velocity", "touching")
 def zero_in_free_air(data: ChannelData) -> FreeAirZero | None:
     """Estimate a sensor's zero from runs that begin in free air; if none does, from later free air.
+
+    The rate of its drift follows from the readings at the ends of the runs, unless the readings within these
+    stretches have another rate.
 
     Args:
         data: the channel.
@@ -56,6 +61,7 @@ def zero_in_free_air(data: ChannelData) -> FreeAirZero | None:
     if data.kind is not ChannelKind.CONTACT:
         return None
     start_readings, elapsed_s, changes, relative_variances = [], [], [], []
+    stretches: list[IntArray] = []  # rows in free air at the start and at the end of a run
     for rows in rows_of_runs(data.run):
         in_contact = np.flatnonzero(data.engaged[rows])
         start_rows = rows[: int(_FREE_SHARE * (in_contact[0] if len(in_contact) else len(rows)))]
@@ -68,11 +74,13 @@ def zero_in_free_air(data: ChannelData) -> FreeAirZero | None:
             elapsed_s.append(data.time_s[end_rows].mean() - data.time_s[compared_rows].mean())
             changes.append(data.effort[end_rows].mean() - data.effort[compared_rows].mean())
             relative_variances.append(2.0 / len(compared_rows))
+            later_rows = rows[in_contact[-1] + 1 :]
+            stretches += [start_rows, later_rows[int((1.0 - _FREE_SHARE) * len(later_rows)) :]]
     if not start_readings:  # each run's longest stretch in free air, without its ends near the contacts
         for rows in rows_of_runs(data.run):
             engaged = data.engaged[rows]
-            stretches = [rows[block] for block in blocks(engaged) if not engaged[block.start]]
-            longest = max(stretches, key=len, default=rows[:0])
+            free = [rows[block] for block in blocks(engaged) if not engaged[block.start]]
+            longest = max(free, key=len, default=rows[:0])
             margin = int((1.0 - _FREE_SHARE) * len(longest)) + 1
             if len(longest) >= 2 * margin + _MIN_READINGS:
                 start_readings.append(data.effort[longest[margin:-margin]])
@@ -82,7 +90,37 @@ def zero_in_free_air(data: ChannelData) -> FreeAirZero | None:
     bias, energy = float(np.concatenate(start_readings).mean()), float(np.vdot(elapsed_s, elapsed_s))
     rate = float(np.vdot(elapsed_s, changes)) / energy if energy > 0.0 else None
     rate_std_err = noise * float(np.sqrt(max(relative_variances) / energy)) if energy > 0.0 else np.inf
+    if rate is not None:
+        within, within_std_err = _rate_within(data, stretches)
+        if abs(within - rate) > max(_OTHER_RATE * abs(rate), _MIN_SIGMAS * within_std_err):
+            rate, rate_std_err = within, within_std_err
     return FreeAirZero(noise, bias, rate, rate_std_err, float(np.ptp(data.time_s)))
+
+
+def _rate_within(data: ChannelData, stretches: list[IntArray]) -> tuple[float, float]:
+    """Return the rate of the effort within stretches [effort/s], and its standard error.
+
+    A drift continues within each stretch. Forces that depend on the motion, such as that of a bent lever or
+    the drag of a liquid, are fitted too: they differ between a stretch before a contact and one after it.
+    The error follows from means over parts of the stretches, whose noise is hardly correlated (batch means).
+    """
+    parts = [np.array_split(rows, _PARTS) for rows in stretches if len(rows) >= 2 * _PARTS]
+    if len(parts) < 2:
+        return 0.0, np.inf
+    means = np.array(
+        [
+            [[signal[part].mean() for part in of_stretch] for of_stretch in parts]
+            for signal in (data.effort, data.time_s, data.position, data.velocity)
+        ]
+    )
+    effort, *columns = (means - means.mean(axis=2, keepdims=True)).reshape(len(means), -1)
+    sizes = np.array([float(np.linalg.norm(column)) or 1.0 for column in columns])
+    terms = np.column_stack(columns) / sizes
+    inverse = np.linalg.pinv(terms.T @ terms)
+    gains = inverse @ (terms.T @ effort)
+    freedom = len(effort) - len(parts) - len(gains)
+    variance = float(np.sum((effort - terms @ gains) ** 2)) / freedom
+    return float(gains[0] / sizes[0]), float(np.sqrt(variance * inverse[0, 0]) / sizes[0])
 
 
 def may_have_dead_band(readings: FloatArray, half_width: float, sigma: float) -> bool:

@@ -45,6 +45,16 @@ def test_bias_and_drift_are_recovered_and_a_steady_zero_is_reported():
     assert zero_in_free_air(data.select(data.position > 0.002)) is None
 
 
+@pytest.mark.parametrize("rate", [0.0, 60.0 * RATE])
+def test_drag_of_a_liquid_is_no_drift(rate):
+    """Readings after a contact are lower than before it, because the motion has turned round."""
+    found = zero_in_free_air(
+        session(1, lambda t, x, v, run: kelvin_voigt(x, v) + rate * (t - t[0]) + 20.0 * v)
+    )
+    assert found.rate == pytest.approx(rate, abs=4.0 * found.rate_std_err)
+    assert found.is_steady is (rate == 0.0)
+
+
 def test_zero_of_runs_that_begin_in_contact_comes_from_readings_after_it():
     data = session(1, lambda t, x, v, run: 0.4 + kelvin_voigt(x, v))
     begun = np.concatenate([np.maximum.accumulate(data.engaged[data.run == run]) for run in data.runs])
