@@ -133,7 +133,11 @@ def flexible_laws(
         _sensor_statics(effort, blocked.effort, run, base, touching > 0.0, has_bias=has_bias),
     ]
     if (zero is None or not zero.is_steady) and not is_monotonic(position, run):
-        laws.append(_law(Kind.DRIFT, time_s - time_s.min()))  # an offset at the start is a bias
+        elapsed_s = time_s - time_s.min()  # times may count from 1970
+        rate, offset = np.polyfit(elapsed_s[used], residual[used], 1)
+        # A drift is zero at one time of the session; a further constant is a bias.
+        origin_s = np.clip(-offset / rate, 0.0, elapsed_s.max()) if rate else 0.0
+        laws.append(_law(Kind.DRIFT, elapsed_s - origin_s))
     if is_contact:
         laws += _contact_geometry(position, depth, touching, run)
         products = (unit_speed * unit_depth, unit_speed * unit_depth**2)
@@ -171,9 +175,8 @@ def unseen_kinds(data: ChannelData) -> frozenset[Kind]:
 
     Path memory needs a run that returns. Any memory, and a sensor's characteristic curve without a bias in
     free air, need several passes or speeds. Rate dependence needs more than one speed, else it looks like
-    friction or the base model's damping. A drift continues between runs, so several runs need one clock. In a
-    contact, it needs several runs on one clock, or free air at both ends of a run: within one run, slow
-    relaxation changes the effort in the same way.
+    friction or the base model's damping. A drift needs several runs on one clock, or free air at both ends of
+    a run: within one contact, slow relaxation changes the effort in the same way.
 
     Args:
         data: the channel.
@@ -181,13 +184,12 @@ def unseen_kinds(data: ChannelData) -> frozenset[Kind]:
     unseen = set[Kind]() if data.has_time else {Kind.SENSOR_DYNAMICS, Kind.INERTIA}
     if data.is_steady:
         unseen |= _MOTION_KINDS
-    one_run, one_clock = len(data.runs) == 1, has_one_clock(data.time_s, data.run)
     if data.kind is not ChannelKind.CONTACT:
-        unseen |= {Kind.SENSOR_STATICS} if is_stepwise_command(data) else set()
-        return frozenset(unseen if one_run or one_clock else unseen | {Kind.DRIFT})
+        return frozenset(unseen | ({Kind.SENSOR_STATICS} if is_stepwise_command(data) else set()))
     zero = zero_in_free_air(data)
     unseen |= {Kind.RATE_DEPENDENCE} if has_constant_speed(data.velocity[data.engaged]) else set()
-    if (one_run or not one_clock) and (zero is None or zero.rate is None):
+    has_session_time = len(data.runs) > 1 and has_one_clock(data.time_s, data.run)
+    if not has_session_time and (zero is None or zero.rate is None):
         unseen.add(Kind.DRIFT)
     if never_returns(data.position, data.run):
         pressed = data.select(data.engaged) if data.engaged.any() else data

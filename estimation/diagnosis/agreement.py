@@ -98,63 +98,45 @@ def is_shared(effect: str, entry: ChannelDiagnosis, diagnosed: Sequence[ChannelD
     return bool(pairs) and not any(_differ(*pair) for pair in pairs)
 
 
-def contradicted_effects(
+def contradicted_effect(
+    entry: ChannelDiagnosis,
     diagnosed: Sequence[ChannelDiagnosis],
     channels: Sequence[ChannelData],
     models: Sequence[Model],
     library: Sequence[Effect],
-) -> list[tuple[str, str]]:
-    """List effects of the arm with an alternative that another joint excludes.
+) -> str | None:
+    """Find an effect of the arm that one joint names, with an alternative, and another joint excludes.
 
-    If the base is tilted for one joint, it is tilted for all. The effect is added to the complete model of
-    another joint, which contradicts it if its parameters get other values.
+    If the base is tilted for one joint, it is tilted for all. A joint in which nothing is missing excludes
+    the effect if it gets another value there, and if no joint names it too. A joint that names another effect
+    excludes nothing, because its effect may stand for the one of the arm.
 
     Args:
+        entry: diagnosis of the joint.
         diagnosed: diagnoses of channels of one recording.
         channels: the channels, in the same order.
         models: their base models.
         library: the candidate effects.
 
     Returns:
-        Channel, and the name of its effect.
+        Name of the effect.
     """
-    joints = list(zip(diagnosed, channels, models, strict=True))
-    return [
-        (entry.channel, each.effect)
-        for entry in diagnosed
-        for each in entry.accepted
-        if each.confused_with and (own := _values(each.effect, entry.final))
-        if any(
-            any(
-                _differ(own[name], value)
-                for name, value in _values_in(joint, each.effect, library).items()
-                if name in own
-            )
-            for joint in joints
-            if joint[0] is not entry
-        )
-    ]
-
-
-def _values_in(
-    joint: tuple[ChannelDiagnosis, ChannelData, Model], effect: str, library: Sequence[Effect]
-) -> dict[str, ParameterValue]:
-    """Return the parameters that an effect of the arm gets beside those of a joint's complete model.
-
-    There are none if the joint names the effect, or cannot distinguish it from an effect that it names.
-    """
-    diagnosis, data, model = joint
-    names = [*(each.effect for each in diagnosis.accepted), effect]
-    may_have = any(effect in (each.effect, *each.confused_with) for each in diagnosis.accepted)
-    if may_have or not diagnosis.complete or diagnosis.final is None:
-        return {}
-    added = applicable_effects(data, model, [each for each in library if each.name in names])
-    if len(added) < len(names):
-        return {}
-    for each in sorted(added, key=lambda each: names.index(each.name)):
-        model = model.with_effect(each)
-    start = {name: parameter.value for name, parameter in diagnosis.final.parameters.items()}
-    return _values(effect, FitSummary.of(fit_model(data, model, start, usable(data))))
+    named = {each.effect for other in diagnosed if other.channel != entry.channel for each in other.accepted}
+    for each in entry.accepted if entry.complete else []:
+        own = _values(each.effect, entry.final)
+        if not own or not each.confused_with or each.effect in named:
+            continue
+        for other, data, model in zip(diagnosed, channels, models, strict=True):
+            if not other.complete or other.accepted or other.channel == entry.channel:
+                continue
+            for effect in applicable_effects(
+                data, model, [known for known in library if known.name == each.effect]
+            ):
+                fit = FitSummary.of(fit_model(data, model.with_effect(effect), {}, usable(data)))
+                theirs = _values(effect.name, fit)
+                if any(_differ(own[name], value) for name, value in theirs.items() if name in own):
+                    return each.effect
+    return None
 
 
 def _values(effect: str, fit: FitSummary | None) -> dict[str, ParameterValue]:

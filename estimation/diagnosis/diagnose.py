@@ -18,11 +18,7 @@ from palpate.estimation.diagnosis.acceptance import (
     most_parsimonious,
     smallest_sufficient_model,
 )
-from palpate.estimation.diagnosis.agreement import (
-    contradicted_effects,
-    is_shared,
-    replaceable_effects,
-)
+from palpate.estimation.diagnosis.agreement import contradicted_effect, is_shared, replaceable_effects
 from palpate.estimation.diagnosis.bootstrap import encoder_step_error, improvement_test
 from palpate.estimation.diagnosis.candidates import effect_library
 from palpate.estimation.diagnosis.completeness import Completeness
@@ -78,8 +74,8 @@ def diagnose(
     """Diagnose each channel; the result has one entry for each, in the order given.
 
     If a channel cannot distinguish its effect from one of the arm that another channel shows, such as a
-    payload, it is diagnosed again without this effect. The same applies to an effect of the arm that another
-    joint excludes, such as a tilt of the base.
+    payload, it is diagnosed again without this effect. It is also diagnosed again without an effect of the
+    arm that another joint excludes, such as a tilt of the base.
 
     Args:
         data: one channel or several.
@@ -123,20 +119,19 @@ def diagnose(
         def without(name: str, *effects: str) -> ChannelDiagnosis:
             channel, base = channels[numbers[name]], models[numbers[name]]
             others = tuple(effect for effect in library if effect.name not in effects)
-            again = diagnose_channel(channel, base, others, seeded(channel), progress)
-            first = diagnoses[numbers[name]]
-            return again if again.complete or not first.complete else first
+            return diagnose_channel(channel, base, others, seeded(channel), progress)
 
         for name, left_out, shared in replaceable_effects(diagnoses):
-            if is_shared(shared, again := without(name, left_out), diagnoses):
+            first, again = diagnoses[numbers[name]], without(name, left_out)
+            if is_shared(shared, again, diagnoses) and (again.complete or not first.complete):
                 diagnoses[numbers[name]] = again
-        excluded: set[tuple[str, str]] = set()
-        while contradicted := {*contradicted_effects(diagnoses, channels, models, library)} - excluded:
-            excluded |= contradicted
-            for name in sorted({name for name, _ in contradicted}):
-                diagnoses[numbers[name]] = without(
-                    name, *(each for channel, each in excluded if channel == name)
-                )
+        for number, first in enumerate(diagnoses):
+            again, excluded = first, list[str]()
+            while effect := contradicted_effect(again, diagnoses, channels, models, library):
+                excluded.append(effect)
+                again = without(first.channel, *excluded)
+            if again.complete:
+                diagnoses[number] = again
     name = "+".join(dict.fromkeys(model.name for model in models))
     return Diagnosis(file=file, model=name, channels=diagnoses)
 

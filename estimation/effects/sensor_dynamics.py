@@ -111,22 +111,25 @@ class Lag(SensorEffect):
         return start_grid(tau=sample_time(data.time_s, data.run) * np.geomspace(0.2, 400.0, 14))
 
 
+_EARLIER = 0.25  # longest time before or after the session at which a drift is zero, relative to the session
 _OFF = 0.5  # largest difference of the rate in free air, relative to the rate
 _SIGMAS = 3.0  # largest difference of the rate in standard errors; the larger limit applies
 
 
 class Drift(AdditiveEffect):
-    """reading = effort + rate (t - t0), t0 the time of the first sample; an offset at that time is a bias."""
-
     name = "drift"
     kind = Kind.DRIFT
     physics = "Warm-up or creep of the sensor changes its zero steadily."
-    equation = "reading = effort + d (t - t0), t0 the first sample"
+    equation = "reading = effort + d (t - t0)"
     source = "JCGM 200:2012 (VIM), 4.21: instrumental drift"
     signature = "readings in free air and in every run drift steadily, whatever the time since contact"
     signals = ("time",)
     one_sided = False
-    gains = (Parameter("rate", "{effort}/s", -1e12, 1e12, (-0.01, 0.01)),)
+    gains = (
+        Parameter("rate", "{effort}/s", -1e12, 1e12, (-0.01, 0.01)),
+        Parameter("offset", "{effort}", -1e12, 1e12, (-1.0, 1.0)),
+    )
+    essential = ("rate",)
     confused_with = {
         "stress_relaxation": "record free air: drift continues there, but relaxation does not",
         "bias": "wait: a bias stays",
@@ -137,12 +140,20 @@ class Drift(AdditiveEffect):
         return super().applies_to(data) and not is_monotonic(data.position, data.run)
 
     def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
-        """See `Effect.is_misnamed`: readings in free air do not drift at the fitted rate."""
+        """See `Effect.is_misnamed`: the model lacks a bias, or readings in free air drift at another rate.
+
+        A drift is zero at some time of the session; with a larger offset, it is mostly a bias. Beside offsets
+        of the runs, its own offset has no meaning.
+        """
+        rate, offset = (parameters[f"{self.name}.{each}"] for each in ("rate", "offset"))
+        elapsed_s = data.time_s - data.time_s[0]
+        drift, margin = rate * elapsed_s + offset, _EARLIER * abs(rate) * float(np.ptp(elapsed_s))
+        if np.abs(drift).min() > margin and "run_offset.share" not in parameters:
+            return True
         zero = zero_in_free_air(data)
         if zero is None or zero.rate is None:
             return False
-        rate = parameters[f"{self.name}.rate"]
         return abs(zero.rate - rate) > max(_OFF * abs(rate), _SIGMAS * zero.rate_std_err)
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        return np.asarray(data.time_s - data.time_s[0])[:, None]
+        return np.column_stack([data.time_s - data.time_s[0], np.ones(len(data))])

@@ -92,7 +92,7 @@ SENSOR: Mapping[str, Term] = {
     "bias": _renamed(bias="offset"),
     "deadband": _renamed(half_width="width"),
     "delay": _renamed(delay_s="time"),
-    "drift": _renamed(rate_1_s="rate"),
+    "drift": lambda p: [{"rate_1_s": p["rate"]}, {"effect": "bias", "bias": p["offset"]}],
     "hysteresis": _renamed(half_width="width"),
     "lag": _renamed(time_s="tau"),
     "quantisation": _renamed(step="step"),

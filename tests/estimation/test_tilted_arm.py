@@ -10,7 +10,7 @@ from palpate import sim_backend
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.diagnosis import Verdict, diagnose
-from palpate.estimation.diagnosis.agreement import contradicted_effects
+from palpate.estimation.diagnosis.agreement import contradicted_effect
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.effects.gravity_load import KnownRigidBody
 from palpate.estimation.estimators import ESTIMATORS
@@ -375,19 +375,30 @@ def test_tilt_of_one_joint_is_named_unless_another_joint_excludes_it(dip_rad, bi
     assert [each.effect for each in joints[1].accepted] == named
 
 
-@pytest.mark.parametrize(("alternatives", "excludes"), [([], True), (["gravity_tilt"], False)])
-def test_joint_that_may_have_the_tilt_does_not_exclude_it(alternatives, excludes):
+@pytest.mark.parametrize(
+    ("change", "excludes"),
+    [
+        ({}, True),
+        ({"accepted": ["bias"]}, False),  # what joint 2 names may stand for the tilt
+        ({"accepted": ["gravity_tilt"]}, False),
+        ({"complete": False}, False),
+    ],
+)
+def test_only_a_joint_in_which_nothing_is_missing_excludes_a_tilt(change, excludes):
     second, third = swinging(1, 0.0, 0.6, noise_nm=0.02), swinging(2, 0.0, noise_nm=0.01)
-    channels = [replace(data, effort=data.effort + 0.02) for data in (second, third)]
-    tilt, bias = (EFFECTS[name]() for name in ("gravity_tilt", "bias"))
-    models = [Model("rigid_body", (KnownRigidBody(),))] * 2
-    judged = [
-        diagnose(data, models[0], [effect], rng=np.random.default_rng(0)).channels[0]
-        for data, effect in zip(channels, (bias, tilt), strict=True)
-    ]
-    judged = [
-        entry.model_copy(update={"accepted": [entry.accepted[0].model_copy(update={"confused_with": names})]})
-        for entry, names in zip(judged, (alternatives, ["bias"]), strict=True)
-    ]
-    contradicted = contradicted_effects(judged, channels, models, (tilt, bias))
-    assert contradicted == [("joint_3", "gravity_tilt")] * excludes
+    third = replace(third, effort=third.effort + 0.02)
+    channels, models = [second, third], [Model("rigid_body", (KnownRigidBody(),))] * 2
+    effects = [EFFECTS[name]() for name in ("gravity_tilt", "bias")]
+    clean, tilted = (
+        diagnose(data, models[0], effects, rng=np.random.default_rng(0)).channels[0] for data in channels
+    )
+    (tilt,) = tilted.accepted
+    if "accepted" in change:
+        change = {"accepted": [tilt.model_copy(update={"effect": name}) for name in change["accepted"]]}
+    judged = [clean.model_copy(update=change), tilted]
+    found = contradicted_effect(tilted, judged, channels, models, effects)
+    assert found == ("gravity_tilt" if excludes else None)
+    alone = tilted.model_copy(update={"accepted": [tilt.model_copy(update={"confused_with": []})]})
+    assert contradicted_effect(alone, judged, channels, models, effects) is None
+    unknown = tilted.model_copy(update={"complete": False})
+    assert contradicted_effect(unknown, judged, channels, models, effects) is None

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from palpate.estimation.budget.laws import periodic_columns, unseen_kinds
+from palpate.estimation.budget.laws import periodic_columns
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.diagnosis.forms import analyze_kinds, error_of_kinds
 from palpate.estimation.kinds import Kind
@@ -43,7 +43,7 @@ OF_KIND = {
     Kind.ELASTIC_SHAPE: lambda: press(lambda t, x, v, run: 1.5e6 * x**3),
     Kind.TIME_MEMORY: lambda: press(lambda t, x, v, run: 600.0 * maxwell(t, x, run, 0.3)),
     Kind.CONTACT_GEOMETRY: lambda: press(plastic),
-    Kind.DRIFT: lambda: session(4, lambda t, x, v, run: kelvin_voigt(x, v) + 0.3 * (t - t[0])),
+    Kind.DRIFT: lambda: session(4, lambda t, x, v, run: kelvin_voigt(x, v) + 0.3 * (t - t.mean())),
     Kind.RUN_DIFFERENCES: lambda: session(4, lambda t, x, v, run: GAINS[run] * kelvin_voigt(x, v)),
     Kind.RATE_DEPENDENCE: lambda: swings(1, lambda q, v, a: 0.05 * v * np.abs(v)),
     Kind.FRICTION: lambda: swings(1, lambda q, v, a: 0.4 * np.tanh(v / 0.02)),
@@ -166,15 +166,6 @@ def test_drift_is_identified_with_epoch_times():
     data = OF_KIND[Kind.DRIFT]()
     budget = analysed(replace(data, time_s=data.time_s + 1.7e9)).budget
     assert (budget.kinds[0], budget.entries[0].share > 0.8) == (Kind.DRIFT, True)
-
-
-def test_drift_continues_between_runs():
-    """Runs whose clocks restart have no common drift; a reading that grows in each run is another law."""
-    data = swings(1)
-    assert Kind.DRIFT not in unseen_kinds(data)
-    assert Kind.DRIFT not in unseen_kinds(data.of_runs(data.runs[:1]))
-    restarted = np.concatenate([data.time_s[data.run == run] - 6.0 * run for run in data.runs])
-    assert Kind.DRIFT in unseen_kinds(replace(data, time_s=restarted))
 
 
 @pytest.mark.parametrize("kind", OF_KIND)
