@@ -15,6 +15,7 @@ _MIN_READINGS = 5  # least number of readings at the start and at the end of a r
 _VISIBLE_BIAS = 0.5  # least bias or drift that counts, relative to the noise
 _MIN_SIGMAS = 3.0  # least drift, and least difference between rates, that counts, in standard errors
 _PARTS = 8  # parts of a stretch of free air, in which its drift is seen
+_COLLINEAR = 1e-6  # share of the time's energy that the motion must leave, so that a drift is seen
 _OTHER_RATE = 0.5  # relative difference above which the rate within stretches of free air is another one
 # Readings in a dead band lie within this share of its half width about zero, or within so many standard
 # deviations of the noise. They must be more frequent than equally large readings beside them by a factor.
@@ -113,14 +114,17 @@ def _rate_within(data: ChannelData, stretches: list[IntArray]) -> tuple[float, f
             for signal in (data.effort, data.time_s, data.position, data.velocity)
         ]
     )
-    effort, *columns = (means - means.mean(axis=2, keepdims=True)).reshape(len(means), -1)
-    sizes = np.array([float(np.linalg.norm(column)) or 1.0 for column in columns])
-    terms = np.column_stack(columns) / sizes
-    inverse = np.linalg.pinv(terms.T @ terms)
-    gains = inverse @ (terms.T @ effort)
-    freedom = len(effort) - len(parts) - len(gains)
-    variance = float(np.sum((effort - terms @ gains) ** 2)) / freedom
-    return float(gains[0] / sizes[0]), float(np.sqrt(variance * inverse[0, 0]) / sizes[0])
+    effort, elapsed_s, *motion = (means - means.mean(axis=2, keepdims=True)).reshape(len(means), -1)
+    columns = np.column_stack(motion)
+    left, only_time_s = (
+        signal - columns @ np.linalg.lstsq(columns, signal, rcond=None)[0] for signal in (effort, elapsed_s)
+    )
+    energy = float(only_time_s @ only_time_s)
+    if energy <= _COLLINEAR * float(elapsed_s @ elapsed_s):
+        return 0.0, np.inf
+    rate = float(only_time_s @ left) / energy
+    freedom = len(effort) - len(parts) - len(motion) - 1
+    return rate, float(np.sqrt(np.sum((left - rate * only_time_s) ** 2) / freedom / energy))
 
 
 def may_have_dead_band(readings: FloatArray, half_width: float, sigma: float) -> bool:

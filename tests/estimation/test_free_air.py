@@ -16,7 +16,7 @@ from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.free_air import zero_in_free_air
 from palpate.estimation.signals.motion import is_monotonic, is_one_pass
 from tests.estimation.fits import MODEL
-from tests.estimation.presses import NOISE_N, kelvin_voigt, session
+from tests.estimation.presses import NOISE_N, channel, kelvin_voigt, session
 from tests.estimation.swings import swings
 
 RATE = 0.05  # N/s
@@ -53,6 +53,16 @@ def test_drag_of_a_liquid_is_no_drift(rate):
     )
     assert found.rate == pytest.approx(rate, abs=4.0 * found.rate_std_err)
     assert found.is_steady is (rate == 0.0)
+
+
+def test_drift_during_a_steady_approach_is_that_between_the_ends_of_the_runs():
+    """Before the contact, time and position are equivalent; after it, there are few readings."""
+    t, run = np.tile(np.arange(100) * 0.01, 2), np.repeat([0, 1], 100)
+    x = 0.01 * (t - 0.5)
+    time_s, x = t + 2.0 * run, np.where(t > 0.93, -0.001, x)
+    effort = 1e3 * np.maximum(x, 0.0) + RATE * time_s + np.random.default_rng(0).normal(0.0, 1e-4, len(t))
+    found = zero_in_free_air(channel(effort, time_s, x, np.gradient(x, 0.01), run, 0.0 * x))
+    assert found.rate == pytest.approx(RATE, rel=0.05)
 
 
 def test_zero_of_runs_that_begin_in_contact_comes_from_readings_after_it():
