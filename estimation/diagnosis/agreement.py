@@ -119,7 +119,7 @@ def contradicted_effect(
         library: the candidate effects.
 
     Returns:
-        Name of the effect.
+        Name of the effect; None if there is none.
     """
     named = {each.effect for other in diagnosed if other.channel != entry.channel for each in other.accepted}
     for each in entry.accepted if entry.complete else []:

@@ -111,7 +111,9 @@ class Lag(SensorEffect):
         return start_grid(tau=sample_time(data.time_s, data.run) * np.geomspace(0.2, 400.0, 14))
 
 
-_EARLIER = 0.25  # longest time before or after the session at which a drift is zero, relative to the session
+# Longest time before or after the session at which a drift is zero, relative to the session. Beyond it, more
+# than 87 % of the drift's squared effort is that of a constant.
+_EARLIER = 0.25
 _OFF = 0.5  # largest difference of the rate in free air, relative to the rate
 _SIGMAS = 3.0  # largest difference of the rate in standard errors; the larger limit applies
 
